@@ -116,7 +116,7 @@ class Flowpipe:
 
     def begun(self, box: Sequence[tuple[Fraction, Fraction]]) -> States:
         """A part of the box."""
-        found: list[Polynomial] = []
+        polynomials: list[Polynomial] = []
         rest: Row = []
         for k, (low, high) in enumerate(box):
             middle, half = (arb(fmpq(*q.as_integer_ratio())) for q in
@@ -125,11 +125,11 @@ class Flowpipe:
             if k in self.wide:
                 p[self.models.variable[self.wide.index(k)]] = half
             exact, away = rounded(p)
-            found.append(exact)
+            polynomials.append(exact)
             rest.append(away)
-        found += [{} for _ in self.inputs]
+        polynomials += [{} for _ in self.inputs]
         rest += [NONE for _ in self.inputs]
-        return States(found, _ones(len(found)), rest)
+        return States(polynomials, _ones(len(polynomials)), rest)
 
     def named(self, box: Sequence[tuple[Fraction, Fraction]]) -> str:
         """A part of the box, to be read."""
@@ -141,18 +141,18 @@ class Flowpipe:
         every = zip(self.carried[: len(self.box)], x.polynomials, off, strict=False)
         return self.free | {name: (p, e) for name, p, e in every}
 
-    def over(self, known: dict[str, Model]) -> dict[str, Interval]:
-        return {name: self.models.range(q) for name, q in known.items()}
+    def over(self, at: dict[str, Model]) -> dict[str, Interval]:
+        return {name: self.models.range(q) for name, q in at.items()}
 
-    def failing(self, limits: Sequence[Limit], known: dict[str, Model]) -> int | None:
+    def failing(self, limits: Sequence[Limit], at: dict[str, Model]) -> int | None:
         """The first that may be above 0."""
-        return next((k for k, c in enumerate(limits) if not self._kept(c, known)), None)
+        return next((k for k, c in enumerate(limits) if not self._kept(c, at)), None)
 
-    def _leaving(self, x: States, known: dict[str, Model], during: Row) -> int | None:
+    def _leaving(self, x: States, at: dict[str, Model], during: Row) -> int | None:
         """The first constraint that may be above 0 on the way."""
         way = self.ranges | dict(zip(self.carried, during, strict=True))
         for k, c in enumerate(self.constraints):
-            if self._kept(c, known):
+            if self._kept(c, at):
                 continue
             rates = dict(zip(self.carried, self.rates.of(self.rates.values(way)), strict=True))
             ((rate,),) = c.tape.slopes(c.tape.values(way), [rates])
@@ -160,13 +160,13 @@ class Flowpipe:
                 return k  # it does not only fall from what it is at first
         return None
 
-    def _kept(self, c: Limit, known: dict[str, Model]) -> bool:
+    def _kept(self, c: Limit, at: dict[str, Model]) -> bool:
         """Whether c <= 0: one part of a least is, all of a greatest are, or all over its range."""
         if c.parts:
-            several = (self._kept(part, known) for part in c.parts)
+            several = (self._kept(part, at) for part in c.parts)
             if all(several) if c.expression.all_parts else any(several):
                 return True
-        (value,) = self.models.values(c.tape, known)
+        (value,) = self.models.values(c.tape, at)
         return bool(self.models.range(value)[1] <= ZERO)
 
     def after(self, x: States, length: Fraction) -> Step | None:
@@ -195,9 +195,9 @@ class Flowpipe:
         fails = self._leaving(x, self.at(States(way, [], []), off), during)
         return Step(_turned([p for p, _ in ends], lead, x, rest), fails, left, during)
 
-    def _defect(self, way: list[Polynomial], known: dict[str, Model], step: Interval) -> Row:
+    def _defect(self, way: list[Polynomial], free: dict[str, Model], step: Interval) -> Row:
         m, per = self.models, inverse(step)
-        at = known | {name: (p, NONE) for name, p in zip(self.carried, way, strict=True)}
+        at = free | {name: (p, NONE) for name, p in zip(self.carried, way, strict=True)}
         every = zip(m.values(self.rates, at), way, strict=True)
         return [m.range(m.sub(r, m.scaled((m.derivative(p), NONE), per))) for r, p in every]
 
@@ -233,30 +233,30 @@ class Flowpipe:
             guess = now
         return None
 
-    def given(self, x: States, mode: int) -> list[tuple[States, int]]:
+    def after_sample(self, x: States, mode: int) -> list[tuple[States, int]]:
         """What may be after a sample: the states with an input, and the mode of the law."""
         if not self.law.modes:
             return [(x, mode)]
         off = [add(e, more) for e, more in zip(x.off, self.errors, strict=False)]
-        known = self.at(x, off)
-        places = self.over(known)
+        seen = self.at(x, off)
+        places = self.over(seen)
         # slopes are those on all of the way from p to what is measured
         near = self.over(self.at(x, [hull(NONE, e) for e in off]))
         tables = self.law.all_known(near)
-        beside = {k: self.models.constant(q) for k, q in tables.items() if k not in known}
-        found = []
+        beside = {k: self.models.constant(q) for k, q in tables.items() if k not in seen}
+        choices = []
         for option in self.law.modes[mode]:
             if option.program is not None or option.free:
                 raise NotValidError("a flowpipe has no law with a safeguard, or that is free")
-            when = self.models.values(Tape(option.when), known | beside)
+            when = self.models.values(Tape(option.when), seen | beside)
             signs = [self.models.range(v) for v in when]
             if not any(v[0] > ZERO for v in signs):
-                found.append((self._with(x, option, tables, beside), option.to))
+                choices.append((self._with(x, option, tables, beside), option.to))
             if all(v[1] < ZERO for v in signs):
-                return found
+                return choices
         if not self.law.covered(places, mode):
             raise NotValidError("the law does nothing in a part of it")
-        return found
+        return choices
 
     def _with(
         self, x: States, option: Option, tables: dict[str, Interval], beside: dict[str, Model]
@@ -288,7 +288,7 @@ class Flowpipe:
                 if (k := self.failing(self.target, self.at(x, x.off))) is not None:
                     raise NotValidError(f"at the end the target's {k} may be missed")
                 continue
-            for begun, to in self.given(x, mode):
+            for begun, to in self.after_sample(x, mode):
                 waiting.append((sample + 1, to, self._through(begun, sample, levels)))
         if next(levels, None) is not None:
             raise NotValidError("it has more steps than lead to the end")
@@ -357,17 +357,17 @@ def _length(column: tuple[Column, Interval]) -> float:
 def _frame(columns: list[Column]) -> list[Column]:
     """Columns that are orthogonal, but for rounding, the first along the first of these."""
     n = len(columns[0])
-    found: list[list[float]] = []
+    units: list[list[float]] = []
     for column in ([float(q) for q in c] for c in [*columns, *_ones(n)]):
         left = column
         for _ in range(2):
-            for unit in found:
+            for unit in units:
                 part = sum(p * q for p, q in zip(left, unit, strict=True))
                 left = [p - part * q for p, q in zip(left, unit, strict=True)]
         size = math.hypot(*left)
-        if len(found) < n and 0 < 1e-3 * math.hypot(*column) < size < math.inf:
-            found.append([q / size for q in left])
-    return [list(map(arb, unit)) for unit in found]
+        if len(units) < n and 0 < 1e-3 * math.hypot(*column) < size < math.inf:
+            units.append([q / size for q in left])
+    return [list(map(arb, unit)) for unit in units]
 
 
 def parts(h: Values, pipe: Flowpipe) -> Iterator[tuple[list[tuple[Fraction, Fraction]], int]]:

@@ -46,7 +46,10 @@ def read(path: str) -> tuple[Values, list[Any]]:
     if hashlib.sha256(rest).hexdigest() != words[2]:
         raise NotValidError(f"{path} was changed: its digest is not that of its content")
     text, _, packed = rest.partition(b"\n")
-    said = json.loads(text, object_pairs_hook=_once)
+    try:
+        said = json.loads(text, object_pairs_hook=_once)
+    except RecursionError:
+        raise NotValidError("the header is nested too deep") from None
     pipe = magic == MAGICS[1]
     header = formed(said if pipe else OPTIONAL | said, FLOWPIPE if pipe else HEADER, "the header")
     count, packing = max(header["entries"], 0), "<B" if pipe else "<IHI"

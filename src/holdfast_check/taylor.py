@@ -75,11 +75,13 @@ class Models:
     def until(self, times: int) -> Models:
         """Models up to a degree in time, without what they leave out."""
         if times not in self._until:
-            found = copy.copy(self)
+            short_models = copy.copy(self)
             short = [t <= times for t in self.times]
-            found.product = [[k if k < 0 or short[k] else -1 for k in row] for row in self.product]
-            found.rough = True
-            self._until[times] = found
+            short_models.product = [
+                [k if k < 0 or short[k] else -1 for k in row] for row in self.product
+            ]
+            short_models.rough = True
+            self._until[times] = short_models
         return self._until[times]
 
     def constant(self, q: Interval) -> Model:
@@ -125,7 +127,7 @@ class Models:
         for one, other in ((a, b), (b, a)):
             if one[0].keys() <= {0}:  # a number, another one at every place
                 return self.scaled(other, add(point(one[0].get(0, ZERO)), one[1]))
-        found: Polynomial = {}
+        product: Polynomial = {}
         lost = ZERO
         others = list(q.items())
         for m, x in p.items():
@@ -134,20 +136,20 @@ class Models:
                 k = row[n]
                 if k < 0:
                     beyond.append(y)
-                elif k in found:
-                    found[k] += x * y
+                elif k in product:
+                    product[k] += x * y
                 else:
-                    found[k] = x * y
+                    product[k] = x * y
             if beyond and not self.rough:
                 lost += abs(x) * sum(map(abs, beyond), ZERO)
         if self.rough:
-            return found, NONE
+            return product, NONE
         rest = interval(-lost, lost)
         if not i[0] == ZERO == i[1]:
             rest = add(rest, mul(self.range(b), i))
         if not j[0] == ZERO == j[1]:
             rest = add(rest, mul(self.range((p, NONE)), j))
-        return found, rest
+        return product, rest
 
     def power(self, a: Model, n: int) -> Model:
         half = self.power(a, n // 2) if n > 1 else None
@@ -163,10 +165,10 @@ class Models:
         away = NONE if self.rough else hull(NONE, self.range(off))
         at = list(itertools.islice(series(name, middle), self.most + 1))
         last = next(itertools.islice(series(name, add(middle, away)), self.most + 1, None))
-        found = self.constant(at[-1])
+        total = self.constant(at[-1])
         for c in reversed(at[:-1]):
-            found = self.add(self.mul(found, off), self.constant(c))
-        return found[0], add(found[1], mul(last, power(away, self.most + 1)))
+            total = self.add(self.mul(total, off), self.constant(c))
+        return total[0], add(total[1], mul(last, power(away, self.most + 1)))
 
     def positive(self, a: Model) -> Model:
         """The greatest of a model and 0: between its range's ends a chord and what it is off."""
@@ -212,30 +214,30 @@ class Models:
                 return self.add(turned, self.constant(interval(*2 * [quarter * arb.pi() / 2])))
         raise NoModelError("an angle where it jumps")
 
-    def values(self, tape: Tape, known: Mapping[str, Model]) -> list[Model]:
+    def values(self, tape: Tape, at: Mapping[str, Model]) -> list[Model]:
         """Of the expressions of a tape."""
-        found: list[Model] = []
+        every: list[Model] = []
         for name, arguments, of in tape.operations:
-            x = [found[k] for k in arguments]
+            x = [every[k] for k in arguments]
             if name in _PLAIN:
-                found.append(_PLAIN[name](self, *x))
+                every.append(_PLAIN[name](self, *x))
             elif name == "power":
-                found.append(self.power(x[0], of))
+                every.append(self.power(x[0], of))
             elif name in SMOOTH:
-                found.append(self.smooth(name, x[0]))
+                every.append(self.smooth(name, x[0]))
             elif x:
-                found.append(self.of(name, x))
+                every.append(self.of(name, x))
             else:
-                found.append(known[of] if name == "symbol" else self.constant(constant(of)))
-        return tape.of(found)
+                every.append(at[of] if name == "symbol" else self.constant(constant(of)))
+        return tape.of(every)
 
     def ended(self, a: Model) -> Model:
         """A model at the end of a step, where s is 1."""
-        found: Polynomial = {}
+        last: Polynomial = {}
         for k, c in a[0].items():
             first = self.start[k]
-            found[first] = found[first] + c if first in found else c
-        return found, a[1]
+            last[first] = last[first] + c if first in last else c
+        return last, a[1]
 
     def integral(self, p: Polynomial) -> Polynomial:
         """Over s; what goes beyond the degree in time is left out."""
@@ -291,13 +293,13 @@ def series(name: str, x: Interval) -> Iterator[Interval]:
                 yield mul(turn[j % 4], over)
                 over = mul(over, inverse(point(j + 1)))
         case "tan" | "tanh":  # g' = 1 + g^2, or 1 - g^2
-            found = [FUNCTIONS[name][1](x)]
+            terms = [FUNCTIONS[name][1](x)]
             for j in itertools.count():
-                yield found[j]
-                square = _convolved(found, found, j)
+                yield terms[j]
+                square = _convolved(terms, terms, j)
                 square = square if name == "tan" else neg(square)
                 square = add(point(1), square) if j == 0 else square
-                found.append(mul(square, inverse(point(j + 1))))
+                terms.append(mul(square, inverse(point(j + 1))))
         case "atan":  # g' = 1 / (1 + x^2)
             yield FUNCTIONS["atan"][1](x)
             first = inverse(add(point(1), power(x, 2)))

@@ -113,20 +113,20 @@ def flowpipe_of(
         )
 
 
-def write_flowpipe(found: Flowpipe, folder: Path, *, figures: bool) -> list[Path]:
+def write_flowpipe(pipe: Flowpipe, folder: Path, *, figures: bool) -> list[Path]:
     """The file that is checked, what it says in JSON, and the figure, if it is proved."""
-    if not found.proved:
+    if not pipe.proved:
         return []
     make_folder(folder)
     files = [
-        found.write(folder / "flowpipe.holdfast"),
-        write_summary(folder / "flowpipe.json", found.summary()),
+        pipe.write(folder / "flowpipe.holdfast"),
+        write_summary(folder / "flowpipe.json", pipe.summary()),
     ]
-    if figures and len(found.states) > 1:
+    if figures and len(pipe.states) > 1:
         from holdfast.presentation.figures import style
         from holdfast.presentation.studies.flowpipe import flowpipe_figure
 
-        files += style.write(flowpipe_figure(found), folder, "flowpipe")
+        files += style.write(flowpipe_figure(pipe), folder, "flowpipe")
     return files
 
 

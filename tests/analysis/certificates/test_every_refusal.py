@@ -60,6 +60,14 @@ def written(folder):
         "modes": hf.judge_law(
             pushed, on_line, thermostat(), box={"x": (-1, 1)}, cells=20, sample_time=0.1
         ).certificate,
+        "pipe": hf.flowpipe(
+            pushed, on_line, start={"x": (-0.2, 0.2)}, horizon=0.2, law=thermostat(),
+            sample_time=0.1, degrees=(1, 2), target=on_line,
+        ),
+        "closed": hf.flowpipe(
+            turn, any_th, start={"th": (0.1, 0.2)}, horizon=0.2, degrees=(1, 2),
+            law=hf.Law("back", turn.states, {"u": -TH}),
+        ),
         "guard": hf.judge_law(
             pushed, on_line, guarded, box={"x": (-1, 1)}, cells=20, sample_time=0.1
         ).certificate,

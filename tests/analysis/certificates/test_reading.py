@@ -139,3 +139,9 @@ def test_delay_errors_a_target_and_a_law_come_back_from_the_file(tmp_path):
         else:
             law, same = hf.certified_law(again), hf.certified_law(found)
             assert hf.export_c(system, law) == hf.export_c(system, same)
+
+
+@pytest.mark.parametrize("text", ["(9**64)**64", "((x**8)**8)**2", "(1/3)**64**1*(7**60)**60"])
+def test_powers_of_powers_are_refused(text):
+    with pytest.raises(ExpressionError, match=r"too long|power of a power"):
+        exact_expression(text, {"x": hf.symbol("x")})

@@ -17,8 +17,8 @@ from holdfast.maths.expressions import functions
 from holdfast.maths.expressions.syntax import syntax_tree
 
 LONGEST = 100_000
-MOST = 64
-"""The largest exponent."""
+MOST, LONGEST_NUMBER = 64, 10_000
+"""The largest exponent, and bits of a number."""
 
 FUNCTIONS: Mapping[str, Callable[..., sp.Expr]] = {
     name: getattr(functions, name, None) or getattr(sp, name) for name in KNOWN
@@ -63,7 +63,15 @@ def _of(node: ast.expr, names: Names) -> sp.Expr:
                 raise ExpressionError(
                     f"the exponent {ast.unparse(right):.40}", expected=f"a number up to {MOST}"
                 )
-            return _of(left, names) ** exponent
+            base = _of(left, names)
+            if base.is_Rational and exponent.is_Integer:
+                bits = base.p.bit_length() + base.q.bit_length()
+                if bits * abs(int(exponent)) > LONGEST_NUMBER:
+                    raise ExpressionError(f"a number is too long in '{ast.unparse(node):.40}'")
+            several = exponent * base.exp if base.is_Pow and base.exp.is_Rational else exponent
+            if abs(several) > MOST:
+                raise ExpressionError(f"a power of a power is above {MOST}")
+            return base**exponent
         case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
             return FUNCTIONS[name](*(_of(a, names) for a in arguments))
     raise ExpressionError(

@@ -219,15 +219,15 @@ def _start(system: System, start: Mapping[str, Range]) -> dict[str, Range]:
                 f"start names '{name}', which is no state",
                 remedy=suggestion(name, system.state_names),
             )
-    found = {}
+    box = {}
     for name in system.state_names:
         if name not in start:
             raise SimulationError(f"start lacks the state '{name}'")
         low, high = map(float, start[name])
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise SimulationError(f"start: {name} is {low:g} to {high:g}")
-        found[name] = low, high
-    return found
+        box[name] = low, high
+    return box
 
 
 def _middle(header: Mapping[str, Any], part: Mapping[str, Range] | None = None) -> dict[str, Any]:
@@ -267,7 +267,7 @@ def _at_every_instant(
             "a law with modes, branches, a safeguard or a table gives inputs at samples",
             remedy="give a sample_time",
         )
-    given = {q.symbol: e for q, e in zip(system.inputs, only.inputs, strict=True)}
-    if set(given) & symbols_of(only.inputs):
+    by_law = {q.symbol: e for q, e in zip(system.inputs, only.inputs, strict=True)}
+    if set(by_law) & symbols_of(only.inputs):
         raise SimulationError("the law leaves its inputs free", expected="one that gives them")
-    return tuple(exchanged(map(exact, rates), given))
+    return tuple(exchanged(map(exact, rates), by_law))

@@ -134,7 +134,7 @@ class Search:
                     ranges = pipe.over(at)
                     self._ends.append([self._outward(ranges[n]) for n in pipe.states])
                     continue
-                for begun, to in pipe.given(x, mode):
+                for begun, to in pipe.after_sample(x, mode):
                     waiting.append((sample + 1, to, self._through(begun, sample, levels)))
             except self._stopped as error:
                 raise _StuckError(f"{when}: {error}", x) from None

@@ -24,16 +24,16 @@ def flowpipe_figure(found: Flowpipe) -> Figure:
     ends = list(found.ends.values())
     with style.look():
         figure, axis = plt.subplots(figsize=(style.WIDTH / 1.6, style.WIDTH / 1.8))
-        for boxes, how in (
-            (
-                np.stack([found.low[:, :2], found.high[:, :2]], axis=2),
-                {"facecolor": style.SKY, "edgecolor": style.BLUE, "linewidth": 0.2},
-            ),
-            (np.array([start[:2]]), {"facecolor": "none", "edgecolor": "black"}),
-            (np.array([ends[:2]]), {"facecolor": "none", "edgecolor": style.ORANGE}),
+        boxes = np.stack([found.low[:, :2], found.high[:, :2]], axis=2)
+        for several, fill, edge, width in (
+            (boxes, style.SKY, style.BLUE, 0.2),
+            (np.array([start[:2]]), "none", "black", 2),
+            (np.array([ends[:2]]), "none", style.ORANGE, 2),
         ):
-            several = [Rectangle(q[:, 0], *(q[:, 1] - q[:, 0])) for q in boxes]
-            axis.add_collection(PatchCollection(several, **{"linewidth": 2, **how}))
+            shapes = [Rectangle(q[:, 0], *(q[:, 1] - q[:, 0])) for q in several]
+            axis.add_collection(
+                PatchCollection(shapes, facecolor=fill, edgecolor=edge, linewidth=width)
+            )
         axis.autoscale_view()
         axis.set(
             xlabel=f"{a} [{unit_a}]" if unit_a else a, ylabel=f"{b} [{unit_b}]" if unit_b else b
