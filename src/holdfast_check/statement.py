@@ -21,8 +21,8 @@ from typing import Any
 from holdfast_check.intervals import Expression
 from holdfast_check.reading import Values
 
-LONGEST = 200
-"""Of a title that is printed."""
+LONGEST, MOST_OF_LAW = 200, 1500
+"""Of a title and of a law that are printed."""
 _PLAIN = re.compile(r"[A-Za-z0-9_%^*/.-]+( [A-Za-z0-9_%^*/.-]+)*")
 
 
@@ -57,6 +57,7 @@ def statement(h: Values, entries: Sequence[Any]) -> Values:
         "cells_kept": h.get("cells_kept"),
         "law": bool(law["modes"]),
         "law_knows": _knows(h),
+        "options": _options(h),
         "inputs_tried": len(h.get("candidates", ())),
         "digest": _digest(h, entries),
     }  # fmt: skip
@@ -65,6 +66,24 @@ def statement(h: Values, entries: Sequence[Any]) -> Values:
     for q, (least, most) in zip(h["inputs"], under_way, strict=False):
         found["inputs"][q["name"]] |= {"least": least, "greatest": most}
     return found
+
+
+def _options(h: Values) -> list[str]:
+    """What the law gives, and where; the digest alone tells what is too long."""
+    law, rows = h["law"], list[str]()
+    names = list(map(_quoted, law["names"]))
+    for mode, options in zip(names, law["modes"], strict=True):
+        for when, inputs, to in options:
+            if isinstance(inputs, dict):
+                row = "what the program of a safeguard gives"
+            else:
+                each = zip(h["inputs"], inputs, strict=True)
+                row = ", ".join(f"{q['name']} = {_readable(e)}" for q, e in each)
+            row += " where " * bool(when) + " and ".join(f"{_readable(c)} <= 0" for c in when)
+            rows.append(f"in {mode}: {row}, then {names[to]}" if len(names) > 1 else row)
+    if sum(map(len, rows)) > MOST_OF_LAW:
+        return ["longer than is printed: the SHA-256 tells it"]
+    return rows
 
 
 def _knows(h: Values) -> str:
@@ -133,6 +152,7 @@ def lines(said: Values) -> list[str]:
         + (f", from {_n(q['least'])} to {_n(q['greatest'])}" if "least" in q else "")
         for name, q in said["inputs"].items()
     ] or ["none"])]  # fmt: skip
+    rows += [("law", said["options"])]
     late = f"{_n(said['late_by'])} s late at most, before which any input between these may act"
     sampled = [
         f"every {hold} s exactly, and inputs are held until the next sample",
@@ -176,6 +196,10 @@ class _Decimals(ast.NodeTransformer):
                 match left:
                     case ast.Constant(value=int(over)) if _exact(over, under):
                         return ast.Constant(over / under)
+                    case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int(over))) if (
+                        _exact(over, under)
+                    ):
+                        return ast.UnaryOp(ast.USub(), ast.Constant(over / under))
                     case ast.BinOp(
                         left=ast.Constant(value=int(over)), op=ast.Mult(), right=factor
                     ) if _exact(over, under):

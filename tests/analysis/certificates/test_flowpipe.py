@@ -214,7 +214,11 @@ def test_law_with_modes_is_followed_in_each_that_may_be(cart, tmp_path):
         contained(pipe, times, states)
     assert len(turned) > 1
     path = pipe.write(tmp_path / "modes.flowpipe")
-    assert checked(str(path))["valid"]
+    said = checked(str(path))
+    assert said["valid"]
+    assert len(said["options"]) == 2 * 2 - 1  # from one mode either, from the last itself
+    assert said["options"][0].startswith("in far: a = ")
+    assert said["options"][0].endswith(" where x - 0.5 <= 0, then near")
 
     def never(header):
         header["law"]["modes"][0] = header["law"]["modes"][0][1:]
