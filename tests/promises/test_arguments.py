@@ -186,6 +186,11 @@ FUNCTIONS = {
         "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01}, "delay": 0.02,
         "refine": 1, "store": tempfile.mkdtemp(), "candidate": None, "margin": 0.0,
     },
+    "flowpipe": lambda: {
+        "system": line(), "region": end(), "start": {"x": (-0.1, 0.1)}, "horizon": 0.2, "law": push_law(), "sample_time": 0.1,
+        "target": end(), "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01}, "degrees": (1, 2),
+        "tolerance": 1e-3, "parts": 2,
+    },
     "outer_set": lambda: {
         "value": value(), "system": line(), "region": end(), "target": None, "cells": 5, "sample_time": 0.1, "inputs": 2, "refine": 0,
     },

@@ -314,6 +314,8 @@ def test_what_is_not_proved_is_not_written(cart, tmp_path):
         ({"horizon": 0}, "horizon is 0"),
         ({"sample_time": float("nan")}, "sample_time is nan"),
         ({"degrees": (0, 3)}, "degrees"),
+        ({"degrees": (12, 12)}, "degrees"),
+        ({"law": None, "errors": {"x": 0.1}}, "errors of measurement without samples"),
         ({"law": None}, "the inputs of 'cart' are unknown"),
     ],
 )

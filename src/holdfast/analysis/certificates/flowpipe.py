@@ -155,10 +155,11 @@ def flowpipe(
     ranges = ranges_of(system, regions, dict(uncertain or {}), dict(disturbance or {}))
     box = _start(system, start)
     holds, hold = _holds(horizon, sample_time)
-    if not (tolerance > 0 and parts >= 1 and all(1 <= d <= 12 for d in degrees)):
+    sizes = len(degrees) == 2 and all(1 <= d <= 12 for d in degrees)
+    if not (tolerance > 0 and parts >= 1 and sizes):
         raise SimulationError(
             f"tolerance {tolerance:g}, parts {parts}, degrees {degrees}",
-            expected="a tolerance above 0, parts from 1 on, degrees from 1 to 12",
+            expected="a tolerance above 0, parts from 1 on, two degrees from 1 to 12",
         )
     if sample_time is None and any((errors or {}).values()):
         raise SimulationError(

@@ -15,6 +15,7 @@ import numpy as np
 
 from holdfast.analysis.certificates.cells import Floats
 from holdfast.analysis.certificates.the_checker import part_of_checker
+from holdfast.errors import SimulationError
 
 FINEST = 24
 """A step is the hold divided by 2^FINEST at least."""
@@ -49,8 +50,11 @@ class Search:
         self._intervals = part_of_checker("intervals")
         self._stopped = (reading.NotValidError, part_of_checker("taylor").NoModelError)
         blank = {"splits": [], "entries": 0}
-        said = reading.formed({**header, **blank}, reading.FLOWPIPE, "the header")
-        self.pipe = part_of_checker("flowpipe").Flowpipe(said)
+        try:
+            said = reading.formed({**header, **blank}, reading.FLOWPIPE, "the header")
+            self.pipe = part_of_checker("flowpipe").Flowpipe(said)
+        except reading.NotValidError as error:
+            raise SimulationError(str(error)) from None
         self.tolerance, self.most = tolerance, most
         self.splits: list[int] = []
         self.levels: list[int] = []
