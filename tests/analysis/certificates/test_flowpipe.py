@@ -73,10 +73,10 @@ sample_time = 0.5
 """
 
 SMOOTH = {
-    "sine": ({x: sp.sin(y) + sp.cos(2 * x), y: -sp.sin(x * y)}, 3.0),
+    "sine": ({x: sp.sin(y) + sp.cos(2 * x), y: -sp.sin(x * y)}, 1.5),
     "exponential": ({x: sp.exp(-x) - 2 * x + y / 2, y: -sp.log(1 + y**2) + x / 4}, 2.0),
-    "quotient": ({x: y / (1 + x**2), y: -x / sp.sqrt(2 + sp.sin(x))}, 3.0),
-    "tangent": ({x: sp.tanh(y) - sp.tan(x / 3), y: -sp.atan(x + y)}, 3.0),
+    "quotient": ({x: y / (1 + x**2), y: -x / sp.sqrt(2 + sp.sin(x))}, 1.5),
+    "tangent": ({x: sp.tanh(y) - sp.tan(x / 3), y: -sp.atan(x + y)}, 1.5),
     "polar": ({x: -length(x + 3, y, 0) / 4 + 1, y: -angle(y, x + 4, 0)}, 2.0),
     "kinked": ({x: sp.Abs(y) - x, y: greatest(-x, -y / 2) - least(y, 1)}, 2.0),
     "turning": ({x: wrap(y) / 2 - x, y: 1 - y + 0 * x}, 2.0),
