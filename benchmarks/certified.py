@@ -290,7 +290,9 @@ def judged(name: str, share: float) -> dict[str, object]:
         begun = time.perf_counter()
         code = "from holdfast_check import main; main()"
         given = [sys.executable, "-c", code, str(path), "--share", str(share)]
-        row["checked"] = subprocess.run(given, capture_output=True, text=True).stdout.strip()
+        row["checked"] = subprocess.run(given, capture_output=True, text=True).stdout.partition(
+            "\n"
+        )[0]
         row["checked_seconds"] = round(time.perf_counter() - begun, 1)
     print(json.dumps({name: row}))
     return row

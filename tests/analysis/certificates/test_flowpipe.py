@@ -440,3 +440,21 @@ def test_van_der_pol_of_the_arch_competition(tmp_path):
     assert checked(str(pipe.write(tmp_path / "a.flowpipe")))["valid"]
     less = hf.flowpipe(of, region(of, most=y - 2.6), start=start, horizon=7.0)
     assert "constraint 0 may fail after 6." in less.why  # a trajectory has 2.69
+
+
+def test_law_that_leaves_inputs_free_is_refused(tmp_path):
+    path = forged(
+        tmp_path / "free.flowpipe", states=["x"], rates=["u"], start=[[(0.0).hex()] * 2],
+        inputs=[{"name": "u", "unit": ""}], constraints=limit("x - 1"), law=law([["u"], ["u"], 0]),
+    )  # fmt: skip
+    with pytest.raises(NotValidError, match="no law with a safeguard"):
+        checked(str(path))
+
+
+def test_header_that_is_nested_without_end_is_refused(tmp_path):
+    content = b"[" * 200_000 + b"\n"
+    digest = hashlib.sha256(content).hexdigest().encode()
+    path = tmp_path / "deep.flowpipe"
+    path.write_bytes(b"holdfast-flowpipe 1 " + digest + b"\n" + content)
+    with pytest.raises(NotValidError, match="nested too deep"):
+        checked(str(path))
