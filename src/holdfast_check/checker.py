@@ -259,10 +259,10 @@ def _of_flowpipe(h: Values, levels: Sequence[Any], share: float, drawn: random.R
     """Follows the parts of a box, all or some."""
     pipe, law = Flowpipe(h), h["law"]
     well_formed(h, pipe.law, [q["name"] for k in GROUPS for q in h[k]])
-    given = bool(law["modes"]) == bool(h["inputs"]) and (law["modes"] or law == NO_LAW)
-    given = given and (law["modes"] or not any(h["errors"])) and h["states"]
+    fits = bool(law["modes"]) == bool(h["inputs"]) and (law["modes"] or law == NO_LAW)
+    fits = fits and (law["modes"] or not any(h["errors"])) and h["states"]
     rows = {len(h["rates"]), len(h["start"]), len(h["states"])}
-    if not (given and len(rows) == 1 and h["holds"] > 0 and 0 < h["hold"] * h["holds"] < math.inf):
+    if not (fits and len(rows) == 1 and h["holds"] > 0 and 0 < h["hold"] * h["holds"] < math.inf):
         raise NotValidError("the hold, the horizon, the start or the inputs are none")
     several = list(parts(h, pipe)) if len(h["splits"]) < 2 * len(levels) else []
     spans = list(itertools.pairwise(itertools.accumulate((n for _, n in several), initial=0)))

@@ -65,7 +65,8 @@ class States:
     @functools.cached_property
     def off(self) -> Row:
         """What they may differ from p by."""
-        return _sum_of(self.columns, self.rest, len(self.polynomials))
+        rows = range(len(self.polynomials))
+        return [dot([point(c[i]) for c in self.columns], self.rest) for i in rows]
 
 
 @dataclass
@@ -342,10 +343,6 @@ def _turned(ends: list[Polynomial], lead: Matrix, x: States, rest: Row) -> State
 
 def _ones(n: int) -> list[Column]:
     return [[arb(int(i == j)) for i in range(n)] for j in range(n)]
-
-
-def _sum_of(columns: list[Column], rest: Row, n: int) -> Row:
-    return [dot([point(c[i]) for c in columns], rest) for i in range(n)]
 
 
 def _length(column: tuple[Column, Interval]) -> float:

@@ -39,7 +39,6 @@ Polynomial = dict[int, Any]
 Model = tuple[Polynomial, Interval]
 
 NONE: Interval = (ZERO, ZERO)
-KINKED = ("least", "greatest", "Abs", "magnitude", "length", "angle", "atan2", "wrap")
 
 
 class NoModelError(Exception):
@@ -162,12 +161,14 @@ class Models:
         """Of a function with a series: that at the middle, and the next term over the range."""
         middle = point(arb(a[0].get(0, ZERO)).mid())
         off = self.add(a, self.constant(neg(middle)))
-        away = NONE if self.rough else hull(NONE, self.range(off))
         at = list(itertools.islice(series(name, middle), self.most + 1))
-        last = next(itertools.islice(series(name, add(middle, away)), self.most + 1, None))
         total = self.constant(at[-1])
         for c in reversed(at[:-1]):
             total = self.add(self.mul(total, off), self.constant(c))
+        if self.rough:
+            return total
+        away = hull(NONE, self.range(off))
+        last = next(itertools.islice(series(name, add(middle, away)), self.most + 1, None))
         return total[0], add(total[1], mul(last, power(away, self.most + 1)))
 
     def positive(self, a: Model) -> Model:
@@ -296,7 +297,7 @@ def series(name: str, x: Interval) -> Iterator[Interval]:
             terms = [FUNCTIONS[name][1](x)]
             for j in itertools.count():
                 yield terms[j]
-                square = _convolved(terms, terms, j)
+                square = _squared(terms, j)
                 square = square if name == "tan" else neg(square)
                 square = add(point(1), square) if j == 0 else square
                 terms.append(mul(square, inverse(point(j + 1))))
@@ -313,5 +314,6 @@ def series(name: str, x: Interval) -> Iterator[Interval]:
         yield UNKNOWN
 
 
-def _convolved(a: Row, b: Row, j: int) -> Interval:
-    return functools.reduce(add, (mul(a[k], b[j - k]) for k in range(j + 1)))
+def _squared(a: Row, j: int) -> Interval:
+    """The coefficient j of the square of a series."""
+    return functools.reduce(add, (mul(a[k], a[j - k]) for k in range(j + 1)))

@@ -458,3 +458,11 @@ def test_header_that_is_nested_without_end_is_refused(tmp_path):
     path.write_bytes(b"holdfast-flowpipe 1 " + digest + b"\n" + content)
     with pytest.raises(NotValidError, match="nested too deep"):
         checked(str(path))
+
+
+def test_more_steps_than_are_read_are_not_proved(monkeypatch):
+    monkeypatch.setattr("holdfast_check.reading.LITTLE", 5)
+    of = system({x: y, y: -x})
+    point = {"x": (1.0, 1.0), "y": (0.0, 0.0)}
+    pipe = hf.flowpipe(of, region(of, far=x - 3), start=point, horizon=30.0)
+    assert "more than 5 steps are needed" in pipe.why

@@ -133,13 +133,18 @@ class Certificate:
                 expected=f"fewer than {MOST_CELLS} and {MOST_INPUTS} in a certificate",
             )
         packed = zlib.compress(_packed(self.kept.entries), 6)
-        text = json.dumps(self.header(), separators=(",", ":"), sort_keys=True).encode()
-        content = text + b"\n" + packed
-        digest = hashlib.sha256(content).hexdigest()
-        with atomic_file(path) as partial:
-            partial.write_bytes(f"{MAGIC} {digest}\n".encode() + content)
+        write_checked(path, MAGIC, self.header(), packed)
         forget(path.parent)
         return path
+
+
+def write_checked(path: Path, magic: str, header: Mapping[str, Any], packed: bytes) -> None:
+    """A file for the checker: its kind and digest, one line of JSON, and what is packed."""
+    text = json.dumps(header, separators=(",", ":"), sort_keys=True).encode()
+    content = text + b"\n" + packed
+    digest = hashlib.sha256(content).hexdigest()
+    with atomic_file(path) as partial:
+        partial.write_bytes(f"{magic} {digest}\n".encode() + content)
 
 
 def check_functions(expressions: Iterable[sp.Expr]) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import zlib
 from collections.abc import Callable, Mapping
@@ -21,6 +19,7 @@ from holdfast.analysis.certificates.certificate import (
     limits_written,
     named,
     ranged,
+    write_checked,
 )
 from holdfast.analysis.certificates.flowpipe_search import Search
 from holdfast.analysis.certificates.law_of_cases import law_of_cases
@@ -28,7 +27,6 @@ from holdfast.analysis.certificates.law_written import written
 from holdfast.analysis.certificates.problem import errors_of, parameters_of, ranges_of
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, SimulationError, suggestion
-from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.law_cases import LawCases, Option
 from holdfast.maths.definitions.region import Region
@@ -68,6 +66,12 @@ class Flowpipe:
         return tuple((q["name"], q["unit"]) for q in self.header["states"])
 
     @property
+    def start(self) -> dict[str, Range]:
+        """Between what each state is at first."""
+        ends = [(float.fromhex(low), float.fromhex(high)) for low, high in self.header["start"]]
+        return {name: q for (name, _), q in zip(self.states, ends, strict=True)}
+
+    @property
     def seconds(self) -> float:
         """The horizon [s]."""
         return float.fromhex(self.header["hold"]) * self.header["holds"]
@@ -79,14 +83,12 @@ class Flowpipe:
 
     def summary(self) -> dict[str, Any]:
         """Plain data."""
-        names = [name for name, _ in self.states]
-        start = [[float.fromhex(v) for v in ends] for ends in self.header["start"]]
         return {
             "title": self.header["title"],
             "proved": self.proved,
             "why": self.why,
             "seconds": self.seconds,
-            "start": dict(zip(names, start, strict=True)),
+            "start": {name: list(ends) for name, ends in self.start.items()},
             "ends": {name: list(ends) for name, ends in self.ends.items()},
             "parts": self.parts,
             "steps": len(self.levels),
@@ -102,11 +104,7 @@ class Flowpipe:
         if not self.proved:
             raise OutputError(f"nothing is proved: {self.why}")
         header = {**self.header, "splits": list(self.splits), "entries": len(self.levels)}
-        text = json.dumps(header, separators=(",", ":"), sort_keys=True).encode()
-        content = text + b"\n" + zlib.compress(self.levels, 6)
-        digest = hashlib.sha256(content).hexdigest()
-        with atomic_file(path) as partial:
-            partial.write_bytes(f"{MAGIC} {digest}\n".encode() + content)
+        write_checked(path, MAGIC, header, zlib.compress(self.levels, 6))
         return path
 
 
@@ -133,9 +131,9 @@ def flowpipe(
         xdot = f(x, u, d; p),    x(0) in the box,    d(t) in D at every instant, p in P
 
     Every state at every instant is in a Taylor model: a polynomial of the initial state, of the
-    uncertain parameters and of time, and an interval of what that leaves out (M. Berz, K. Makino;
-    R. Lohner for how it is carried on). Every rounding is counted, the arithmetic is that of
-    `holdfast-check`, and `Flowpipe.write` makes a file that it follows.
+    uncertain parameters and of time, and a zonotope of what that leaves out (M. Berz, K. Makino;
+    R. Lohner and A. Girard for how it is carried on). Every rounding is counted, the arithmetic is
+    that of `holdfast-check`, and `Flowpipe.write` makes a file that it follows.
 
     start: state -> (low, high), which may be one number. law: it gives the inputs, limited as the
     system limits them: at the samples, every `sample_time` [s], or at every instant where that is

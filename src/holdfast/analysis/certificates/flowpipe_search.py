@@ -55,7 +55,7 @@ class Search:
             self.pipe = part_of_checker("flowpipe").Flowpipe(said)
         except reading.NotValidError as error:
             raise SimulationError(str(error)) from None
-        self.tolerance, self.most = tolerance, most
+        self.tolerance, self.most, self._most_steps = tolerance, most, reading.LITTLE
         self.splits: list[int] = []
         self.levels: list[int] = []
         self._first = self._begin = 0
@@ -163,6 +163,8 @@ class Search:
                 if level == FINEST:
                     raise _StuckError(f"the states after {when} are too many to be followed", x)
                 since = 0
+            if len(self.levels) + len(levels) == self._most_steps:  # more are not read
+                raise _StuckError(f"more than {self._most_steps} steps are needed", x)
             assert step is not None
             self._drawn(step, sample, passed, length)
             x, passed, since = step.ends, passed + length, since + 1

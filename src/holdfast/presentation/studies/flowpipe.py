@@ -20,8 +20,7 @@ from holdfast.presentation.figures import style
 def flowpipe_figure(found: Flowpipe) -> Figure:
     """The boxes of all states on the way over the first two of them, and those of start and end."""
     (a, unit_a), (b, unit_b) = found.states[:2]
-    start = [[float.fromhex(v) for v in ends] for ends in found.header["start"]]
-    ends = list(found.ends.values())
+    start, ends = list(found.start.values()), list(found.ends.values())
     with style.look():
         figure, axis = plt.subplots(figsize=(style.WIDTH / 1.6, style.WIDTH / 1.8))
         boxes = np.stack([found.low[:, :2], found.high[:, :2]], axis=2)
@@ -54,11 +53,9 @@ def flowpipe_figure(found: Flowpipe) -> Figure:
 def flowpipe_text(found: Flowpipe, files: Sequence[Path] = ()) -> str:
     """What is proved, and from where."""
     names = dict(found.states)
-    start = {n: [float.fromhex(v) for v in e]
-             for n, e in zip(names, found.header["start"], strict=True)}  # fmt: skip
     goal = ", and is in the target at the end" if found.header["target"] else ""
     lines = [found.header["title"], ""]
-    lines += _table("from", start, names)
+    lines += _table("from", found.start, names)
     if not found.proved:
         return "\n".join([*lines, "", f"  Nothing is proved of this box: {found.why}."])
     lines += _table("ends in", found.ends, names)
