@@ -247,6 +247,16 @@ def test_debug_shows_the_traceback():
     assert "did you mean 'inspection'" in answer.stderr
 
 
+def test_a_scenario_fetches_nothing_unless_it_may():
+    web = ("run", "berth-filter", "--set", "safety.kernel=http://127.0.0.1:9/x#berth")
+    answer = holdfast(*web)
+    assert answer.returncode == 2
+    assert "fetches nothing unless it may; holdfast --fetch" in answer.stderr
+    answer = holdfast(*web, "--fetch")
+    assert answer.returncode == 2
+    assert "cannot be fetched" in answer.stderr
+
+
 def test_gains_beyond_their_limit_warn_and_name_the_limit(tmp_path):
     answer = holdfast("run", "ch5-viable-goal-set", *FAST, "--set", "law.k1=0.4", cwd=tmp_path)
     assert answer.returncode == 0

@@ -53,7 +53,7 @@ from holdfast_check.taylor import NoModelError
 
 BITS = 80
 NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, MOST_STEPS = 1, 2, 3, 1e-3, 64
-MOST_TURNED, MOST_TOUCHED = 1e12, 1 << 20
+MOST_TURNED, MOST_TOUCHED, SHOWN = 1e12, 1 << 20, 2000
 GROUPS = ("states", "inputs", "disturbances", "parameters")
 
 
@@ -282,10 +282,13 @@ def _of_cells(h: Values, every: Sequence[Any], share: float, drawn: random.Rando
     """Checks the entries, all or some."""
     checker, count = Checker(h, list(every)), max(round(share * len(every)), 1)
     entries = every if share == 1 else drawn.sample(every, count)
+    shown = sys.stderr.isatty() and len(entries) >= SHOWN
     for k, entry in enumerate(entries):
+        if shown and k % SHOWN == 0:
+            print(f"\r{k} of {len(entries)} ", end="", file=sys.stderr, flush=True)
         checker.entry(*entry)
-        if k % 2000 == 1999 and sys.stderr.isatty():
-            print(f"\r{k + 1} of {len(entries)} ", end="", file=sys.stderr)
+    if shown:
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
     return {"checked": len(entries), "entries": len(every)}
 
 

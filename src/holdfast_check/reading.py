@@ -42,9 +42,9 @@ def read(path: str) -> tuple[Values, list[Any]]:
     first, _, rest = content.partition(b"\n")
     words = first.decode("ascii", "replace").split(" ")
     if (magic := " ".join(words[:2])) not in MAGICS or len(words) != 3:
-        raise NotValidError(f"{path} is not a certificate of this version")
+        raise NotValidError("it is not a certificate of this version")
     if hashlib.sha256(rest).hexdigest() != words[2]:
-        raise NotValidError(f"{path} was changed: its digest is not that of its content")
+        raise NotValidError("it was changed: its digest is not that of its content")
     text, _, packed = rest.partition(b"\n")
     try:
         said = json.loads(text, object_pairs_hook=_once)
@@ -55,7 +55,7 @@ def read(path: str) -> tuple[Values, list[Any]]:
     count, packing = max(header["entries"], 0), "<B" if pipe else "<IHI"
     numbers = _unpacked(packed, MOST_OF_ENTRIES, LITTLE if pipe else ROOM)
     if len(numbers) != struct.calcsize(packing) * count or count < 1:
-        raise NotValidError(f"{path} has not the {count} entries that it says")
+        raise NotValidError(f"it has not the {count} entries that it says, or none")
     return header, list(struct.iter_unpack(packing, numbers))
 
 

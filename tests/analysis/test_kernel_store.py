@@ -10,7 +10,7 @@ import pytest
 import holdfast as hf
 from holdfast.analysis.kernel_index import INDEX, entry_of, index_of
 from holdfast.analysis.kernel_store import Store
-from holdfast.errors import OutputError
+from holdfast.errors import OutputError, ScenarioError
 from holdfast.scenario.kernel_reference import named_kernel
 from tests.served_files import served
 
@@ -43,6 +43,17 @@ def test_a_kernel_is_loaded_by_its_name_and_by_its_digest(store, kernel):
 
 def test_a_scenario_names_a_kernel_of_the_store(store, kernel):
     value = named_kernel("store:cart").value()
+    assert np.array_equal(value.values(), kernel[0].values())
+
+
+def test_a_scenario_fetches_from_the_web_where_it_may(store, kernel, web, monkeypatch):
+    address, folder = web
+    store.publish(["cart"], folder)
+    monkeypatch.setenv("HOLDFAST_STORE", str(folder.parent / "other"))
+    with pytest.raises(ScenarioError, match=r"fetches nothing unless it may; .*HOLDFAST_FETCH=1"):
+        named_kernel(f"{address}#cart")
+    monkeypatch.setenv("HOLDFAST_FETCH", "1")
+    value = named_kernel(f"{address}#cart").value()
     assert np.array_equal(value.values(), kernel[0].values())
 
 

@@ -3,8 +3,8 @@
 import pytest
 
 import holdfast as hf
-from holdfast.errors import ScenarioError
-from tests.certified_systems import BOX
+from holdfast.errors import ModelWarning, ScenarioError
+from tests.certified_systems import BOX, changed
 
 KEPT = """
 [scenario]
@@ -18,6 +18,7 @@ rates = {{ ahead = "-u + r*left - wa", left = "-r*ahead - wb" }}
 
 [law]
 certificate = "{certificate}"
+check = {check}
 
 [region]
 constraints = {{ {first}, far = {{ expression = "ahead - 2", unit = "m" }} }}
@@ -44,10 +45,12 @@ def certificate(tmp_path_factory):
     return found.write(tmp_path_factory.mktemp("certificate") / "target.holdfast")
 
 
-def loaded(folder, certificate, *, sway=0.15, first=NEAR, sample_time=0.1):
+def loaded(folder, certificate, *, sway=0.15, first=NEAR, sample_time=0.1, check=1):
     path = folder / "kept.toml"
     path.write_text(
-        KEPT.format(certificate=certificate, sway=sway, first=first, sample_time=sample_time)
+        KEPT.format(
+            certificate=certificate, sway=sway, first=first, sample_time=sample_time, check=check
+        )
     )
     return hf.load_scenario(str(path))
 
@@ -70,3 +73,20 @@ def test_other_files_vehicles_regions_and_samples_are_refused(certificate, tmp_p
         loaded(tmp_path, certificate, first=nearer)
     with pytest.raises(ScenarioError, match=r"the sample time is 0\.05 s; expected 0\.1 s"):
         loaded(tmp_path, certificate, sample_time=0.05).run()
+
+
+def test_scenario_asks_the_checker_of_its_certificate(certificate, tmp_path):
+    """A file that says of the current what is not proved."""
+
+    def wider(header):
+        header["disturbances"][1]["range"] = [(-0.2).hex(), (0.2).hex()]
+
+    spoiled = tmp_path / "spoiled.holdfast"
+    spoiled.write_bytes(certificate.read_bytes())
+    forged = changed(spoiled, wider)
+    with pytest.raises(ScenarioError, match="is not valid: cell"):
+        loaded(tmp_path, forged, sway=0.2)
+    with pytest.warns(ModelWarning, match="was not checked"):
+        loaded(tmp_path, forged, sway=0.2, check=0)
+    with pytest.raises(ScenarioError, match=r"check.*less than or equal to 1"):
+        loaded(tmp_path, certificate, check=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from importlib import import_module
@@ -16,6 +17,7 @@ from holdfast._version import __version__
 from holdfast.commands.options import ANSWERED, BAD_INPUT, NOT_ANSWERED
 from holdfast.errors import GainWarning, HoldfastError, suggestion
 from holdfast.host.interruption import INTERRUPTED, SAID, end, listening
+from holdfast.host.reading import FETCH_VARIABLE
 from holdfast.host.streams import forgiving
 
 
@@ -44,7 +46,8 @@ class Commands(click.Group):
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="holdfast")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-def cli(debug: bool) -> None:
+@click.option("--fetch", is_flag=True, help="Scenarios may fetch kernels that they name (https:).")
+def cli(debug: bool, fetch: bool) -> None:
     """Viability control of nonholonomic systems.
 
     Exit status: 0 answered, 1 not (a run diverged, chattered or left
@@ -66,10 +69,12 @@ def main() -> NoReturn:
 
 
 def _main() -> NoReturn:
-    debug = "--debug" in sys.argv[1:]
+    debug, fetch = "--debug" in sys.argv[1:], "--fetch" in sys.argv[1:]
     warnings.showwarning = _show_warning
     warnings.simplefilter("always", GainWarning)
-    arguments = [a for a in sys.argv[1:] if a != "--debug"]
+    if fetch:
+        os.environ[FETCH_VARIABLE] = "1"  # for processes of workers too
+    arguments = [a for a in sys.argv[1:] if a not in ("--debug", "--fetch")]
     try:
         code = cli.main(arguments, prog_name="holdfast", standalone_mode=False)
         sys.exit(code if isinstance(code, int) else ANSWERED)

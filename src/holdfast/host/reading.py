@@ -1,4 +1,5 @@
-"""Reading the user's files: regular files of bounded size, never a device or a pipe."""
+"""Reading the user's files: regular files of bounded size, never a device or a pipe, and from the
+web what the user asked for."""
 
 from __future__ import annotations
 
@@ -10,6 +11,14 @@ from holdfast.errors import ScenarioError
 
 MOST_TEXT = 10 * 2**20
 """Bytes of a text file: a scenario takes a few thousand."""
+
+FETCH_VARIABLE = "HOLDFAST_FETCH"
+"""Environment variable, 1 where scenarios may fetch what they name from the web."""
+
+
+def scenarios_may_fetch() -> bool:
+    """Whether a scenario, which may be a stranger's, opens addresses that it names."""
+    return os.environ.get(FETCH_VARIABLE, "") == "1"
 
 
 def check_file(path: str | Path) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import sympy as sp
+from pydantic import Field
 
 from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.certified_law import certified_law
@@ -22,10 +23,11 @@ from holdfast.scenario.validation import validated
 class CertificateSpec(Section):
     """[law] of a certificate: in every cell the input that keeps it.
 
-    certificate: its file.
+    certificate: its file. check: the share of its entries that the checker reads, all by default.
     """
 
     certificate: Text
+    check: float = Field(1.0, ge=0, le=1)
     description: Text = ""
 
 
@@ -42,7 +44,8 @@ def law_of_certificate(
     Raises `ScenarioError` for a region with an inequality that is not certified, and for a goal
     with one that need not hold at the target of the certificate.
     """
-    found = read_certificate(validated(CertificateSpec, dict(table), file, "law").certificate)
+    spec = validated(CertificateSpec, dict(table), file, "law")
+    found = read_certificate(spec.certificate, check=spec.check)
     if region is not None:
         check_region(found, region)
     if goal is not None and found.target:

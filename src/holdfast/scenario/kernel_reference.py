@@ -15,7 +15,7 @@ import sympy as sp
 
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.load import load
-from holdfast.analysis.published_kernels import is_reference
+from holdfast.analysis.published_kernels import WEB, is_reference
 from holdfast.analysis.reachability.claim import Claim
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.default_promise import default_promise
@@ -24,6 +24,7 @@ from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.cache import cache_directory, code_digest
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.resources import Progress
+from holdfast.host.reading import FETCH_VARIABLE, scenarios_may_fetch
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
@@ -100,10 +101,16 @@ def named_kernel(
     its actuators. altered: name ->
     tables, [kernels], which replace both.
 
-    Raises `ScenarioError` for a scenario that computes no set or cannot be composed, and for the
-    file of a value function with alterations.
+    Raises `ScenarioError` for a scenario that computes no set or cannot be composed, for the file
+    of a value function with alterations, and for one of the web where scenarios may not fetch.
     """
     changes = dict((altered or {}).get(name, {}))
+    if name.startswith(WEB) and not scenarios_may_fetch():
+        raise ScenarioError(
+            f"the scenario names a kernel of the web, {name}, and fetches nothing unless it may",
+            remedy=f"holdfast --fetch, or {FETCH_VARIABLE}=1; or holdfast store add {name}, and "
+            "name it store:NAME",
+        )
     if name.endswith(".nc") or is_reference(name):
         if changes:
             raise ScenarioError(

@@ -14,7 +14,7 @@ from holdfast.analysis.certificates.certified_law import cell_table, check_fits
 from holdfast.analysis.certificates.law_of_cases import law_of_cases
 from holdfast.analysis.certificates.law_written import written
 from holdfast.analysis.certificates.problem import ROUNDED, parameters_of, parts_of
-from holdfast.analysis.certificates.reading import read_certificate
+from holdfast.analysis.certificates.reading import unchecked
 from holdfast.errors import ScenarioError
 from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.region import Region
@@ -38,7 +38,7 @@ def check_of_scenario(certificate: str | Path, scenario: str) -> None:
     Raises `ScenarioError` or `DefinitionError` that name the first thing that is another, and what
     reading the two files raises.
     """
-    proved, asked = read_certificate(certificate), load_scenario(scenario)
+    (proved, _), asked = unchecked(Path(certificate)), load_scenario(scenario)
     if not isinstance(asked, KernelScenario | Scenario):
         raise ScenarioError(
             f"'{scenario}' is no scenario that is certified", expected="a kernel or a closed loop"

@@ -1,6 +1,7 @@
 """Certificates are read from their files as they were written, and nothing else is."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -9,9 +10,12 @@ import sympy as sp
 import holdfast as hf
 from holdfast.analysis.certificates.certificate import KNOWN
 from holdfast.analysis.certificates.exact_text import exact_expression
-from holdfast.errors import DefinitionError, ExpressionError, OutputError
+from holdfast.errors import DefinitionError, ExpressionError, ModelWarning, OutputError
 from holdfast.maths.expressions.traversal import exact
+from holdfast_check import checker
 from tests.certified_systems import AHEAD, BOX, CART, LEFT, camera, cart, changed, view
+
+CHECKED = checker.checked
 
 
 def written(folder, **options):
@@ -33,12 +37,73 @@ def test_certificate_that_is_read_is_the_one_that_was_written(horizon, tmp_path)
 
 
 def test_uncertain_number_is_read_with_its_range(tmp_path):
-    found = hf.certify(*cart(), box=CART, cells=21, sample_time=0.2, uncertain={"drag": (0.1, 0.3)})
+    found = hf.certify(*cart(), box=CART, cells=41, sample_time=0.2, uncertain={"drag": (0.1, 0.3)})
     read = hf.read_certificate(found.write(tmp_path / "cart.holdfast"))
     assert read.header() == found.header()
     system = hf.certified_system(read)
     assert system.parameters[0].value == pytest.approx(0.2)
     assert system.rates.keys() == {"x", "v"}
+
+
+def wider(header):
+    """A current of 0.12 m/s, where 0.1 was counted."""
+    header["disturbances"][0]["range"] = [(-0.12).hex(), (0.12).hex()]
+
+
+def test_what_a_file_does_not_prove_is_refused(tmp_path):
+    _, path = written(tmp_path)
+    forged = changed(path, wider)
+    with pytest.raises(OutputError, match=r"is not valid: cell .* is not kept; certify again"):
+        hf.read_certificate(forged)
+    with pytest.raises(OutputError, match="is not valid"):  # it is not kept as a valid one
+        hf.read_certificate(forged)
+    with pytest.warns(ModelWarning, match="was not checked: that its cells are kept is what it"):
+        assert hf.read_certificate(forged, check=0).ranges["wa"] == (-0.12, 0.12)
+
+
+def test_what_is_not_checked_is_said_each_time_and_a_whole_check_is_kept(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path / "cache"))
+    found, path = written(tmp_path)
+    entries = len(found.kept.entries)
+    for _ in range(2):
+        with pytest.warns(ModelWarning, match=rf"\d+ of {entries} entries of .* \(seed \d+\)"):
+            hf.read_certificate(path, check=0.1)
+    asked = []
+    monkeypatch.setattr(checker, "checked", lambda *a: asked.append(a) or CHECKED(*a))
+    hf.read_certificate(path)
+    hf.read_certificate(path, check=0.1)  # all of it was checked: nothing is left to say
+    assert asked == [(str(path), 1.0)]
+    later = written(tmp_path, horizon=0.5)[1]
+    hf.read_certificate(later)
+    assert len(asked) == 2
+    with pytest.raises(
+        OutputError, match=r"check is 1\.5; expected a share of the entries, 0 to 1"
+    ):
+        hf.read_certificate(path, check=1.5)
+
+
+def test_a_checker_that_is_not_there_is_said(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path / "cache"))
+    _, path = written(tmp_path)
+    for name in [n for n in sys.modules if n.startswith("holdfast_check.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "flint", None)
+    with pytest.warns(ModelWarning, match=r"was not checked.*python-flint: .*holdfast\[check\]"):
+        hf.read_certificate(path)
+
+
+def test_a_file_that_changes_while_it_is_checked_is_refused(tmp_path, monkeypatch):
+    _, path = written(tmp_path)
+    forged = changed(path, wider)
+    honest = path.read_bytes()
+
+    def replaced(*a):
+        forged.write_bytes(honest)
+        return CHECKED(*a)
+
+    monkeypatch.setattr(checker, "checked", replaced)
+    with pytest.raises(OutputError, match="was written to while it was checked"):
+        hf.read_certificate(forged)
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ from holdfast.analysis.certificates.exact_text import exact_expression
 from holdfast.analysis.certificates.kept_set import Kept
 from holdfast.analysis.certificates.law_written import Ranges, read, unpacked
 from holdfast.analysis.certificates.refining import sure_of
+from holdfast.analysis.certificates.the_checker import check_content
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, OutputError
 from holdfast.execution.intervals.enclosure import Enclosure
@@ -45,16 +46,28 @@ OPTIONAL = {"depth", "steps"}
 
 
 @checked
-def read_certificate(path: str | Path) -> Certificate:
-    """The certificate of a file that `Certificate.write` or `holdfast certify` made.
+def read_certificate(path: str | Path, *, check: float = 1.0) -> Certificate:
+    """The certificate of a file that `Certificate.write` or `holdfast certify` made, checked.
 
-    The digest is that of the content, so that a file that was changed or cut is refused; that its
-    entries hold is what `holdfast-check` says. `kept.sweeps` is 0, which the file does not tell.
+    The checker of certificates (`holdfast-check`) reads the whole file, a millisecond or less an
+    entry, the first time that a file with this content is read; what it found is kept in the cache.
+    check: the share of the entries that it reads, drawn anew each time; 0 for none. What was not
+    checked, and a checker that is not installed, is a `ModelWarning`. `kept.sweeps` is 0 and how
+    many cells are in the region is told, neither of which the file proves.
 
-    Raises `OutputError` for a file that is no certificate, is damaged, or says something that this
-    version does not know.
+    Raises `OutputError` for a file that is no certificate, is damaged, says something that this
+    version does not know, or does not prove what it says.
     """
+    if not 0 <= check <= 1:
+        raise OutputError(f"check is {check}", expected="a share of the entries, 0 to 1")
     file = Path(path)
+    certificate, digest = unchecked(file)
+    check_content(file, digest, check)
+    return certificate
+
+
+def unchecked(file: Path) -> tuple[Certificate, str]:
+    """The certificate that a file says, and the digest of the file. Raises `OutputError`."""
     try:
         if file.exists() and not file.is_file():
             raise OutputError(f"{file} is no file", expected="a certificate")
@@ -88,7 +101,7 @@ def read_certificate(path: str | Path) -> Certificate:
                 if unknown[0] in header else f"{file} {which}",
                 remedy="read it with the version that wrote it",
             )  # fmt: skip
-        return _certificate(header, packed)
+        return _certificate(header, packed), hashlib.sha256(raw).hexdigest()
     except OutputError:
         raise
     except HoldfastError as error:
