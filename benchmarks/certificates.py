@@ -51,47 +51,39 @@ SLOW_CART = ("grid.box.vx=[-1.2, 1.2]", "grid.box.vy=[-1.2, 1.2]")
 CERTIFIED = {
     "seen-target": Case("seen-target", "target in view, any current up to 0.1 m/s"),
     "seen-leader": Case("seen-leader", "leader in view, up to 0.25 m/s in any direction"),
-    "leader-gains": Case(
-        "leader-gains", "the same with the law of chapter 6, k2 = 0.8", {"sample_time": 0.02}
-    ),
+    "leader-gains": Case("leader-gains", "the same with the law of chapter 6, k2 = 0.8"),
     "leader-gains-any": Case(
         "leader-gains",
         "the same with any gain k2 from 0.7 to 0.85, varying",
         {"sample_time": 0.01, "uncertain": {"k2": (0.7, 0.85)}},
     ),
-    "held-station": Case(
-        "held-station", "station within 0.18 m, any current up to 0.25 m/s", {"sample_time": 0.02}
-    ),
-    "ferry-banks": Case("ferry-banks", "the tutorial's ferry off the banks", {"sample_time": 0.5}),
+    "held-station": Case("held-station", "station within 0.18 m, any current up to 0.25 m/s"),
+    "ferry-banks": Case("ferry-banks", "the tutorial's ferry off the banks"),
     "seen-with-sway": Case(
         "seen-with-sway",
         "target in view, sway a state, any current up to 0.1 m/s",
-        {"sample_time": 0.2},
         share=0.5,
     ),
     "seen-with-lasers": Case(
         "seen-with-lasers",
         "target in view of camera and lasers, any current up to 0.05 m/s",
-        {"sample_time": 0.2, "inputs": {"u": 5, "r": 9}},
         share=0.05,
     ),
     "pushed-cart": Case(
         "pushed-cart",
         "cart on a floor, pushed by up to 0.1 m/s^2",
-        {"sample_time": 0.5, "inputs": 3},
         share=0.1,
     ),
     "seen-by-thrust": Case(
         "seen-by-thrust",
         "target in view by thrust, surge and sway states, any current up to 0.05 m/s",
-        {"sample_time": 0.2},
+        {},
         (*SLOW_BOAT, "grid.nodes={ahead = 37, left = 49, u = 17, v = 9}"),
         share=0.1,
     ),
     "loaded-cart": Case(
         "loaded-cart",
         "cart between walls, any mass from 18 to 22 kg",
-        {"sample_time": 0.2, "uncertain": {"mass": (18.0, 22.0)}},
     ),
 }
 
@@ -127,32 +119,32 @@ LARGEST = {
     "leader-gains": Case(
         "leader-gains", "leader", {"sample_time": 0.01, "between": (0.05, 0.45), "share": 0.9}
     ),
-    "held-station": Case("held-station", "current", {"sample_time": 0.02}),
-    "ferry-banks": Case("ferry-banks", "stream", {"sample_time": 0.5}),
-    "loaded-cart": Case("loaded-cart", "uncertain.mass", {"sample_time": 0.2, "share": 0.5}),
+    "held-station": Case("held-station", "current"),
+    "ferry-banks": Case("ferry-banks", "stream"),
+    "loaded-cart": Case("loaded-cart", "uncertain.mass", {"share": 0.5}),
 }
 """By name: the number of which the largest certified value is searched."""
 
 HALVED = {
     "seen-target": Case("seen-target", "", {"cells": 51, "refine": 2}),
-    "held-station": Case("held-station", "", {"cells": 51, "refine": 2, "sample_time": 0.02}),
-    "ferry-banks": Case("ferry-banks", "", {"cells": 81, "refine": 2, "sample_time": 0.5}),
+    "held-station": Case("held-station", "", {"cells": 51, "refine": 2}),
+    "ferry-banks": Case("ferry-banks", "", {"cells": 81, "refine": 2}),
     "seen-with-sway": Case(
         "seen-with-sway",
         "",
-        {"cells": {"ahead": 31, "left": 41, "v": 11}, "refine": 2, "sample_time": 0.2},
+        {"cells": {"ahead": 31, "left": 41, "v": 11}, "refine": 2},
     ),
     "pushed-cart": Case(
         "pushed-cart",
         "",
-        {"cells": 16, "refine": 1, "sample_time": 0.5, "inputs": 3},
+        {"cells": 16, "refine": 1},
         SLOW_CART,
         share=0.02,
     ),
     "seen-by-thrust": Case(
         "seen-by-thrust",
         "",
-        {"cells": {"ahead": 25, "left": 33, "u": 17, "v": 9}, "refine": 1, "sample_time": 0.2},
+        {"cells": {"ahead": 25, "left": 33, "u": 17, "v": 9}, "refine": 1},
         SLOW_BOAT,
         share=0.02,
     ),

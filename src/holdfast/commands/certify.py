@@ -20,9 +20,15 @@ from holdfast.studies.progress import bar
 
 @click.command("certify")
 @click.argument("scenario")
-@click.option("--cells", type=WHOLE, help="Cells along each state [default: the grid's nodes].")
 @click.option(
-    "--sample-time", type=float, help="For which inputs are held [default: 0.1, or the run's]."
+    "--cells",
+    type=WHOLE,
+    help="Cells along each state [default: the scenario's, else the grid's nodes].",
+)
+@click.option(
+    "--sample-time",
+    type=float,
+    help="For which inputs are held [default: the scenario's, else 0.1].",
 )
 @click.option(
     "--box",
@@ -45,10 +51,10 @@ from holdfast.studies.progress import bar
 @click.option(
     "--horizon",
     type=float,
-    help="Seconds for which it is proved [default: for ever; with --from the run's].",
+    help="Seconds for which it is proved [default: the scenario's, else for ever].",
 )
 @click.option(
-    "--inputs", type=WHOLE, default=5, show_default=True, help="Values of each input to try."
+    "--inputs", type=WHOLE, help="Values of each input to try [default: the scenario's, else 5]."
 )
 @click.option(
     "--uncertain",
@@ -65,14 +71,13 @@ from holdfast.studies.progress import bar
 @click.option(
     "--delay",
     type=float,
-    help="Seconds by which an input may come late [default: 0, or the run's].",
+    help="Seconds by which an input may come late [default: the scenario's, else 0].",
 )
 @click.option(
     "--refine",
     type=WHOLE,
-    default=0,
-    show_default=True,
-    help="How often cells beside certified ones are halved along each state.",
+    help="How often cells beside certified ones are halved along each state "
+    "[default: the scenario's, else 0].",
 )
 @click.option(
     "--kernel",
@@ -121,11 +126,11 @@ def command(
     start: tuple[str, ...],
     to_goal: bool,
     horizon: float | None,
-    inputs: int,
+    inputs: int | None,
     uncertain: tuple[str, ...],
     error: tuple[str, ...],
     delay: float | None,
-    refine: int,
+    refine: int | None,
     kernel: Path | None,
     margin: float | None,
     outer: Path | None,
@@ -152,13 +157,12 @@ def command(
     options: dict[str, Any] = {
         "cells": cells,
         "horizon": horizon,
-        "inputs": inputs,
         "uncertain": dict(_range(text) for text in uncertain),
         "errors": dict(_error(text) for text in error),
     }
     ranges = dict(_range(text, "--box") for text in box)
-    timing = {"sample_time": sample_time, "delay": delay}
-    options |= {name: value for name, value in timing.items() if value is not None}
+    more = {"sample_time": sample_time, "delay": delay, "inputs": inputs, "refine": refine}
+    options |= {name: value for name, value in more.items() if value is not None}
     search = {"between": between, "tolerance": tolerance, "share": share}
     search = {name: value for name, value in search.items() if value is not None}
     if sample_time is not None and not 0 < sample_time < math.inf:
@@ -196,8 +200,9 @@ def command(
     folder = out if out is not None else Path("runs") / scenario_title(scenario)
     check_writable(folder)
     if outer is not None:
-        options = {"outer": outer, "cells": cells, "sample_time": sample_time, "inputs": inputs}
-        answer = _of_outside(scenario, overrides, {**options, "refine": refine})
+        names = ("cells", "sample_time", "inputs", "refine")
+        options = {"outer": outer} | {n: options[n] for n in names if n in options}
+        answer = _of_outside(scenario, overrides, options)
     elif start:
         options = {name: options[name] for name in ("horizon", "uncertain", "errors")}
         options |= {"start": dict(_range(text, "--from") for text in start), "to_goal": to_goal}
@@ -206,14 +211,17 @@ def command(
     elif box:
         answer = _of_law(scenario, overrides, ranges, options)
     elif largest is not None:
-        options |= {"refine": refine, **search}
-        answer = _of_largest(scenario, overrides, largest, options)
+        answer = _of_largest(scenario, overrides, largest, options | search)
     else:
-        options |= {"refine": refine, "store": folder, "kernel": kernel, "margin": margin or 0.0}
+        options |= {"store": folder, "kernel": kernel, "margin": margin or 0.0}
         answer = _of_scenario(scenario, overrides, options)
     with bar(answer.stage) as tell:
         found = answer.find(progress=tell)
     click.echo(answer.text(found, answer.write(found, folder, figures=not no_figures)))
+    if answer.helps is not None:
+        with bar("trying what helps") as tell:
+            advice = answer.helps(found, progress=tell)
+        click.echo(advice, nl=bool(advice))
     missing = answer.missing(found)
     if missing is not None:
         if missing:
@@ -225,7 +233,8 @@ def command(
 class _Answer:
     """What a certificate is asked for: how it is found, written and told.
 
-    missing: None where the question was answered, or what to say on standard error.
+    missing: None where the question was answered, or what to say on standard error. helps: tries
+    other numbers than were asked for, and says which certify more.
     """
 
     stage: str
@@ -233,17 +242,24 @@ class _Answer:
     write: Callable[..., list[Path]]
     text: Callable[[Any, list[Path]], str]
     missing: Callable[[Any], str | None]
+    helps: Callable[..., str] | None = None
 
 
 def _of_scenario(scenario: str, overrides: tuple[str, ...], options: dict[str, Any]) -> _Answer:
-    from holdfast.presentation.studies.certificate import certificate_text
+    from holdfast.presentation.studies.certificate import advice_text, certificate_text
     from holdfast.studies.certification import certified, write_certificate
+    from holdfast.studies.certification_advice import what_helps
+
+    def helps(found: Any, progress: Any) -> str:
+        beside = {n: v for n, v in options.items() if n not in ("store", "kernel", "margin")}
+        tried = what_helps(found, scenario, overrides, beside, progress)
+        return "" if tried is None else advice_text(tried)
 
     find = partial(certified, scenario, overrides, **options)
-    none = "no cell is certified; try more cells or inputs"
     return _Answer(
         "cells", find, write_certificate, certificate_text,
-        lambda found: None if len(found.kept.members) else none,
+        lambda found: None if len(found.kept.members) else "no cell is certified",
+        None if options["kernel"] else helps,
     )  # fmt: skip
 
 

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
 from holdfast.analysis.certificates.outer_cells import OuterSet
 from holdfast.analysis.certificates.outer_set import outer_set
 from holdfast.analysis.certificates.problem import INPUTS
+from holdfast.analysis.certificates.stored_images import forget
 from holdfast.analysis.load import load
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import ScenarioError
 from holdfast.host.output import make_folder, saved, write_summary
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
-
-SAMPLE_TIME = 0.1
-"""For which inputs are held, unless another time is asked for [s]."""
+from holdfast.scenario.schema.kernel import CERTIFIED
 
 FILE, LOST = "certificate.holdfast", "lost.holdfast"
 REACHES = "capture-basin"
-KINDS = ("viability-kernel", "discriminating-kernel", REACHES)
 
 
 def certified(
@@ -30,13 +30,13 @@ def certified(
     overrides: Iterable[str] = (),
     *,
     cells: int | Mapping[str, int] | None = None,
-    sample_time: float = SAMPLE_TIME,
+    sample_time: float | None = None,
     horizon: float | None = None,
-    inputs: int | Mapping[str, int] = INPUTS,
+    inputs: int | Mapping[str, int] | None = None,
     uncertain: Mapping[str, Range] | None = None,
     errors: Mapping[str, float] | None = None,
-    delay: float = 0.0,
-    refine: int = 0,
+    delay: float | None = None,
+    refine: int | None = None,
     store: Path | None = None,
     kernel: Path | None = None,
     margin: float = 0.0,
@@ -44,10 +44,11 @@ def certified(
 ) -> Certificate:
     """`hf.certify` for the system, the region, the grid's box and the disturbance of a kernel.
 
-    The goal of a capture basin is the target. cells: by default as many as the grid has nodes.
-    horizon [s]: None is for ever. kernel: the file of a value function of this scenario: only the
-    cells that its set V > `margin` touches are tried. Raises `ScenarioError` for a scenario of
-    another kind.
+    The goal of a capture basin is the target. What is None is as [certificate] of the scenario
+    says, else as `hf.certify` does by default; ranges in `uncertain` and `errors` replace those of
+    the same name there. cells: as many as the grid has nodes, where neither says. horizon [s]:
+    infinite is for ever. kernel: the file of a value function of this scenario: only the cells that
+    its set V > `margin` touches are tried. Raises `ScenarioError` for a scenario of another kind.
     """
     loaded = check_kernel(load_scenario(scenario, overrides), scenario)
     if loaded.region is None:
@@ -56,20 +57,27 @@ def certified(
     if store is not None:
         make_folder(store)
     axes = loaded.grid.axes
+    stated = loaded.certificate
+    asked = {
+        "cells": cells, "sample_time": sample_time, "horizon": horizon, "inputs": inputs,
+        "delay": delay, "refine": refine,
+    }  # fmt: skip
+    options: dict[str, Any] = {
+        "cells": {a.name: a.count for a in axes},
+        **stated,
+        **{name: value for name, value in asked.items() if value is not None},
+        "uncertain": {**stated.get("uncertain", {}), **(uncertain or {})},
+        "errors": {**stated.get("errors", {}), **(errors or {})},
+    }
+    if options.get("horizon") == math.inf:
+        del options["horizon"]
     return certify(
         loaded.system,
         loaded.region,
         box={a.name: (a.low, a.high) for a in axes},
-        cells={a.name: a.count for a in axes} if cells is None else cells,
-        sample_time=sample_time,
-        horizon=horizon,
-        inputs=inputs,
-        uncertain=uncertain,
+        **options,
         disturbance=loaded.options.get("disturbance"),
         target=loaded.goal if loaded.kind == REACHES else None,
-        errors=errors,
-        delay=delay,
-        refine=refine,
         store=store,
         candidate=candidate,
         margin=margin,
@@ -115,10 +123,10 @@ def _value_in(path: Path) -> ValueFunction:
 
 def check_kernel(loaded: object, scenario: str) -> KernelScenario:
     """Raises `ScenarioError` for a scenario that is no kernel of a region."""
-    if not isinstance(loaded, KernelScenario) or loaded.kind not in KINDS:
+    if not isinstance(loaded, KernelScenario) or loaded.kind not in CERTIFIED:
         raise ScenarioError(
             f"'{scenario}' is no kernel of a region", expected="a scenario that is one of "
-            + ", ".join(KINDS),
+            + ", ".join(CERTIFIED),
         )  # fmt: skip
     return loaded
 
@@ -141,12 +149,14 @@ def write_outer(found: OuterSet, folder: Path, *, figures: bool) -> list[Path]:
 
 
 def write_certificate(found: Certificate, folder: Path, *, figures: bool) -> list[Path]:
-    """The certificate, what it says in JSON, and the figure."""
+    """The certificate, if it has a cell, what it says in JSON, and the figure."""
     make_folder(folder)
-    files = [
-        found.write(folder / FILE),
-        write_summary(folder / "certificate.json", found.summary()),
-    ]
+    files = [write_summary(folder / "certificate.json", found.summary())]
+    if len(found.kept.members):
+        files = [found.write(folder / FILE), *files]
+    else:  # what an earlier question left there would be taken for an answer to this one
+        (folder / FILE).unlink(missing_ok=True)
+        forget(folder)
     if figures and len(found.states) > 1:
         from holdfast.presentation.figures import style
         from holdfast.presentation.studies.certificate import certificate_figure

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.largest import CertifiedTrial, LargestCertified
-from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.analysis.reachability.bisection import Answer, search
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError, suggestion
@@ -52,13 +51,13 @@ def largest_certified(
     tolerance: float | None = None,
     share: float = 0.0,
     cells: int | Mapping[str, int] | None = None,
-    sample_time: float = 0.1,
+    sample_time: float | None = None,
     horizon: float | None = None,
-    inputs: int | Mapping[str, int] = INPUTS,
+    inputs: int | Mapping[str, int] | None = None,
     uncertain: Mapping[str, Range] | None = None,
     errors: Mapping[str, float] | None = None,
-    delay: float = 0.0,
-    refine: int = 0,
+    delay: float | None = None,
+    refine: int | None = None,
     overrides: Iterable[str] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> LargestCertified:
@@ -69,8 +68,8 @@ def largest_certified(
     between: the interval of the search, by default from 0 to twice the value (of how far: to half
     of it); its upper end is doubled while all trials hold. tolerance: the width of the final
     interval, by default a hundredth of the upper end. share: of the cells in the region that has to
-    be certified, 0 to 1; 0 asks for one cell. The others: as of `certify`; cells: by default as
-    many as the grid has nodes.
+    be certified, 0 to 1; 0 asks for one cell. The others: as of `certify`, and by default as
+    [certificate] of the scenario says; as many cells as the grid has nodes.
 
     Where a larger number only widens what disturbances or parameters may be, the certificate that
     is found proves all smaller numbers as well. Otherwise values all over the interval are tried
@@ -86,7 +85,10 @@ def largest_certified(
     own = check_kernel(load_scenario(scenario, changes), scenario)
     given = dict(uncertain or {})
     off = of.startswith(UNCERTAIN)
+    ranges = {**own.certificate.get("uncertain", {}), **given}
     searched = _off(own, of, given) if off else _number(scenario, changes, own, of)
+    if not off and searched.name in ranges:
+        raise ScenarioError(f"{own.file}: '{of}' is searched, and has a range in uncertain as well")
     low, high = between or (0.0, (0.5 if off else 2.0) * abs(searched.own))
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ScenarioError(

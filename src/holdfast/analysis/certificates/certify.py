@@ -32,6 +32,7 @@ from holdfast.analysis.certificates.law_of_cases import law_of_cases
 from holdfast.analysis.certificates.problem import (
     INPUTS,
     candidates_of,
+    check_among,
     delay_of,
     errors_of,
     parameters_of,
@@ -42,7 +43,7 @@ from holdfast.analysis.certificates.reaching import reached
 from holdfast.analysis.certificates.stored_images import Store
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
-from holdfast.errors import SimulationError, suggestion
+from holdfast.errors import SimulationError
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.execution.intervals.interval import TURN
 from holdfast.maths.definitions.law import Law
@@ -245,12 +246,9 @@ def _cells(
     expressions: Sequence[sp.Expr],
 ) -> Cells:
     edges, periodic = [], []
-    for name in box:
-        if name not in system.state_names:
-            raise SimulationError(
-                f"box names '{name}', which is no state",
-                remedy=suggestion(name, system.state_names),
-            )
+    check_among("box", box, system.state_names, "state")
+    if not isinstance(counts, int):
+        check_among("cells", counts, system.state_names, "state")
     for q in system.states:
         if q.name not in box:
             raise SimulationError(f"box lacks the state '{q.name}'")

@@ -24,9 +24,9 @@ from holdfast.analysis.certificates.certificate import (
 from holdfast.analysis.certificates.flowpipe_search import Search
 from holdfast.analysis.certificates.law_of_cases import law_of_cases
 from holdfast.analysis.certificates.law_written import written
-from holdfast.analysis.certificates.problem import errors_of, parameters_of, ranges_of
+from holdfast.analysis.certificates.problem import check_among, errors_of, parameters_of, ranges_of
 from holdfast.arguments import checked
-from holdfast.errors import OutputError, SimulationError, suggestion
+from holdfast.errors import OutputError, SimulationError
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.law_cases import LawCases, Option
 from holdfast.maths.definitions.region import Region
@@ -212,12 +212,7 @@ def flowpipe(
 
 
 def _start(system: System, start: Mapping[str, Range]) -> dict[str, Range]:
-    for name in start:
-        if name not in system.state_names:
-            raise SimulationError(
-                f"start names '{name}', which is no state",
-                remedy=suggestion(name, system.state_names),
-            )
+    check_among("start", start, system.state_names, "state")
     box = {}
     for name in system.state_names:
         if name not in start:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import sympy as sp
@@ -27,13 +27,18 @@ INPUTS = 5
 """Values of each input that are tried, evenly between its bounds."""
 
 
-def errors_of(system: System, errors: Mapping[str, float]) -> tuple[float, ...]:
-    for name, value in errors.items():
-        if name not in system.state_names:
+def check_among(what: str, names: Iterable[str], among: Sequence[str], kind: str) -> None:
+    """Raises `SimulationError` for a name that an argument has and the system has not."""
+    for name in names:
+        if name not in among:
             raise SimulationError(
-                f"errors names '{name}', which is no state",
-                remedy=suggestion(name, system.state_names),
+                f"{what} names '{name}', which is no {kind}", remedy=suggestion(name, among)
             )
+
+
+def errors_of(system: System, errors: Mapping[str, float]) -> tuple[float, ...]:
+    check_among("errors", errors, system.state_names, "state")
+    for name, value in errors.items():
         if not (math.isfinite(value) and value >= 0):
             raise SimulationError(f"errors: {name} is {value:g}", expected="a number from 0 on")
     return tuple(float(errors.get(q.name, 0.0)) for q in system.states)
@@ -116,6 +121,14 @@ def _over_parameters(
     return np.stack([low[0], high[0]], axis=1)
 
 
+def counts_of(system: System, counts: int | Mapping[str, int]) -> list[int]:
+    """How many values of each input are tried, or parts of its range."""
+    if isinstance(counts, int):
+        return [counts] * len(system.inputs)
+    check_among("inputs", counts, system.input_names, "input")
+    return [counts.get(q.name, INPUTS) for q in system.inputs]
+
+
 def parts_of(
     system: System, counts: int | Mapping[str, int], ranges: Mapping[str, Range]
 ) -> tuple[tuple[float, ...], ...]:
@@ -124,8 +137,8 @@ def parts_of(
         return ()
     ends = _ends(system, system.input_bounds, ranges)
     found = []
-    for q, (least, most) in zip(system.inputs, ends, strict=True):
-        count = counts if isinstance(counts, int) else counts.get(q.name, INPUTS)
+    numbers = counts_of(system, counts)
+    for q, (least, most), count in zip(system.inputs, ends, numbers, strict=True):
         if count < 1:
             raise SimulationError(f"{q.name}: {count} parts")
         found.append(tuple(np.linspace(least[0], most[1], count + 1).tolist()))
@@ -142,9 +155,8 @@ def candidates_of(
         raise SimulationError(f"system '{system.name}' has no bounds of its inputs")
     ends = _ends(system, system.input_bounds, ranges)
     axes = []
-    for k, q in enumerate(system.inputs):
+    for k, (q, count) in enumerate(zip(system.inputs, counts_of(system, counts), strict=True)):
         low, high = ends[k][0][1], ends[k][1][0]  # for every number that is uncertain
-        count = counts if isinstance(counts, int) else counts.get(q.name, INPUTS)
         if count < 2 or not low <= high:
             raise SimulationError(f"{q.name}: {count} values from {low:g} to {high:g}")
         axes.append(np.linspace(low, high, count))

@@ -17,6 +17,7 @@ from holdfast.analysis.certificates.law_keeps import LawJudgement
 from holdfast.analysis.certificates.outer_cells import OuterSet
 from holdfast.arguments import checked
 from holdfast.presentation.figures import style
+from holdfast.studies.certification_advice import Advice
 
 
 @checked
@@ -108,7 +109,6 @@ def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
     """What is proved, of how many cells, and what is assumed."""
     kept = found.kept
     sizes = f", of up to {2**kept.depth} times that width, {len(kept.entries)} in all"
-    share = kept.share if kept.share == 1 else min(kept.share, 0.999)  # all are certified, or not
     seconds = f"{(kept.holds or 0) * found.hold:g} s"
     lasts = "for ever" if kept.holds is None else f"for {seconds}"
     if found.target:
@@ -117,7 +117,7 @@ def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
         found.title,
         "",
         f"  certified      {len(kept.members)} of {kept.inside} cells in the region "
-        f"({100 * share:.1f} %), {lasts}",
+        f"({_percent(kept.share)}), {lasts}",
         _inputs(found),
         f"  cells          {' x '.join(map(str, found.cells.counts))}"
         f"{sizes if kept.depth else ''}, {kept.sweeps} sweeps",
@@ -131,20 +131,43 @@ def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
             lines.append(f"  measured       {name} to {error:.4g} {unit}")
     if found.sampling.delay:
         lines.append(f"  late           inputs, by up to {found.sampling.delay:g} s")
-    whose = "the law" if found.sampling.law is not None else "an input of the certificate"
-    lines += [
-        "",
-        f"  From every state of these cells {whose}, held from sample to sample,",
-        "  keeps every constraint at every instant, if the model and the bounds hold"
-        + (", until the" if found.target else "."),
-    ]
-    if found.target:
-        lines.append("  target is reached.")
+    if len(kept.members):
+        whose = "the law" if found.sampling.law is not None else "an input of the certificate"
+        lines += [
+            "",
+            f"  From every state of these cells {whose}, held from sample to sample,",
+            "  keeps every constraint at every instant, if the model and the bounds hold"
+            + (", until the" if found.target else "."),
+            *(["  target is reached."] if found.target else []),
+        ]
     if files:
         names = ", ".join(f.name for f in files)
-        lines += ["", f"  files in {files[0].parent}: {names}",
-                  f"  check it: holdfast-check {files[0]}"]  # fmt: skip
+        lines += ["", f"  files in {files[0].parent}: {names}"]
+        if len(kept.members):
+            lines.append(f"  check it: holdfast-check {files[0]}")
     return "\n".join(lines)
+
+
+def advice_text(advice: Advice) -> str:
+    """Which numbers help, as they were tried one at a time."""
+    where = "on these cells"
+    if advice.coarser:
+        where = (
+            f"on {' x '.join(map(str, advice.cells))} cells, which have {_percent(advice.share)}"
+        )
+    if not advice.changes:
+        return (
+            f"  what helps     nothing alone {where}: sample times from a tenth to five times, "
+            "twice the\n                 cells and inputs gain less than 2 %"
+        )
+    first, *others = [f"{c.option}: {_percent(c.share)}" for c in advice.changes]
+    return "\n".join(
+        [f"  what helps     {first}, tried {where}", *(f"                 {c}" for c in others)]
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * (share if share == 1 else min(share, 0.999)):.1f} %"
 
 
 def judgement_text(found: LawJudgement, files: list[Path]) -> str:

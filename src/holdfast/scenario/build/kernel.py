@@ -13,12 +13,13 @@ from holdfast.errors import ScenarioError, SimulationError, suggestion
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.control.velocity_tracking import track_velocity
 from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.parser import parse_number
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.build.system import composed_system, plant_of
 from holdfast.scenario.files import scenario_title
-from holdfast.scenario.schema.kernel import KernelSpec, MarchSpec
+from holdfast.scenario.schema.kernel import CERTIFIED, KernelSpec, MarchSpec
 from holdfast.scenario.validation import at, validated
 
 NEEDS = {
@@ -150,6 +151,7 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
         "inner": spec.march.inner,
         "options": options,
         "promised": promised,
+        "certificate": _certificate(file, spec, system),
         "figures": spec.figures,
         "held": {n: state(n, v, f"figures.at.{n}") for n, v in spec.figures.at.items()},
         **about,
@@ -195,6 +197,36 @@ def _apart(file: str, spec: KernelSpec, units: Mapping[str, str]) -> Apart:
     )
 
 
+def _certificate(file: str, spec: KernelSpec, system: System) -> dict[str, Any]:
+    """The arguments of `hf.certify` that [certificate] has, in SI units."""
+    asked = spec.certificate
+    if asked is None:
+        return {}
+
+    def number(key: str, value: object, of: Mapping[str, str], name: str) -> float:
+        with at(file, f"certificate.{key}"):
+            if name not in of:
+                raise ScenarioError(f"unknown name '{name}'", remedy=suggestion(name, of))
+            return to_si(value, of[name])
+
+    arguments: dict[str, Any] = {
+        n: number(n, time, {n: "s"}, n)
+        for n in ("sample_time", "horizon", "delay")
+        if (time := getattr(asked, n)) is not None
+    }
+    states = {q.name: q.unit for q in system.states}
+    parameters = {q.name: q.unit for q in system.parameters}
+    if asked.uncertain is not None:
+        arguments["uncertain"] = {
+            n: tuple(number("uncertain", end, parameters, n) for end in ends)
+            for n, ends in asked.uncertain.items()
+        }
+    if asked.errors is not None:
+        arguments["errors"] = {n: number("errors", e, states, n) for n, e in asked.errors.items()}
+    counts = {n: getattr(asked, n) for n in ("cells", "inputs", "refine")}
+    return arguments | {n: count for n, count in counts.items() if count is not None}
+
+
 def depth_inside(value: object, region: Region) -> float:
     """A depth inside a region, in the unit of its margin; a unit is refused where that has none."""
     unit = region.margin_unit
@@ -225,6 +257,8 @@ def _check_tables(file: str, kind: str, spec: KernelSpec) -> None:
         for key in ("promise", "law"):
             if getattr(spec, key) is not None:
                 raise ScenarioError(f"{file}: {key}: a {kind} has no closed-loop promise")
+    if spec.certificate is not None and (kind not in CERTIFIED or spec.decompose is not None):
+        raise ScenarioError(f"{file}: certificate: a {kind} is not certified as a whole")
     if spec.law is not None and spec.promise is None:
         raise ScenarioError(f"{file}: law: used by [promise] only, and there is no [promise]")
     if spec.tracking is not None and spec.law is None:

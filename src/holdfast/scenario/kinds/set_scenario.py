@@ -20,7 +20,7 @@ class SetScenario(Composed):
     """A composed scenario whose answer is a set of states.
 
     options: of the march. promised: of the trials in closed loop, by 0 runs left out; None: a
-    kernel is tried by default.
+    kernel is tried by default. certificate: arguments of `hf.certify` that the file has.
     held: of a figure, the values of the states that are not drawn.
     """
 
@@ -41,6 +41,7 @@ class SetScenario(Composed):
     inner: bool
     options: Mapping[str, Any]
     promised: Mapping[str, Any] | None
+    certificate: Mapping[str, Any]
     figures: SetFiguresSpec
     held: Mapping[str, float]
 

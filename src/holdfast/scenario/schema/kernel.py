@@ -18,6 +18,7 @@ Kind = Literal[
     "capture-basin",
 ]
 PROBLEMS: tuple[str, ...] = get_args(Kind)
+CERTIFIED = ("viability-kernel", "discriminating-kernel", "capture-basin")
 
 
 class KernelHeader(Section):
@@ -80,6 +81,22 @@ class PromiseSpec(Section):
     seed: int = 0
 
 
+class CertificateSpec(Section):
+    """[certificate]: what `holdfast certify` asks where its options do not; see `hf.certify`.
+
+    Times with units of time, `uncertain` in the units of the parameters, `errors` of the states.
+    """
+
+    sample_time: Value | None = None
+    cells: int | dict[Name, int] | None = None
+    inputs: int | dict[Name, int] | None = None
+    horizon: Value | None = None
+    uncertain: dict[Name, Interval] | None = None
+    errors: dict[Name, Value] | None = None
+    delay: Value | None = None
+    refine: Annotated[int, Field(ge=0)] | None = None
+
+
 class SetFiguresSpec(Section):
     """[figures]: the plane, the values of the other states, the optimal inputs to draw in it."""
 
@@ -103,4 +120,5 @@ class KernelSpec(Section):
     march: MarchSpec
     disturbance: dict[Name, Expression] = Field(default_factory=dict)
     promise: PromiseSpec | None = None
+    certificate: CertificateSpec | None = None
     figures: SetFiguresSpec = SetFiguresSpec()

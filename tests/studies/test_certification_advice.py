@@ -1,0 +1,126 @@
+"""Certificates as a scenario asks for them, and which of their numbers helps, by trials."""
+
+import math
+import re
+import shlex
+
+import pytest
+
+from holdfast.errors import ScenarioError, SimulationError
+from holdfast.scenario.load import load_scenario
+from holdfast.studies import certification_advice
+from holdfast.studies.certification import certified
+from holdfast.studies.certification_advice import what_helps
+from tests.command_line import called
+
+
+@pytest.mark.parametrize(
+    ("scenario", "cells"), [("held-station", 7455), ("ferry-banks", 19597), ("leader-gains", 40200)]
+)
+def test_scenario_proves_what_the_page_says_without_options(scenario, cells):
+    assert len(certified(scenario).kept.members) == cells
+
+
+def advised(answer):
+    """The options that help, and the shares that they had."""
+    lines = answer.stdout.partition("what helps")[2].splitlines()
+    found = [re.match(r" *(--.+): ([\d.]+) %", line) for line in lines]
+    return [(shlex.split(m[1]), float(m[2])) for m in found if m]
+
+
+def test_number_that_helps_is_named_and_helps(tmp_path):
+    asked = ("certify", "held-station", "--no-figures", "--out", tmp_path)
+    answer = called(*asked, "--set", "certificate.sample_time=0.1")
+    assert "6089 of 7669 cells in the region (79.4 %)" in answer.stdout
+    (option, share), *others = advised(answer)
+    assert (option, share) == (["--sample-time", "0.02"], 97.2)
+    assert all(79.4 + 2 <= other < share for _, other in others)
+    assert {option[0] for option, _ in others} == {"--cells", "--inputs"}
+    better = called(*asked, *option)
+    assert f"({share} %)" in better.stdout
+    assert "what helps" not in better.stdout
+
+
+def test_no_cell_leaves_no_certificate_and_says_what_helps(tmp_path):
+    asked = ("certify", "ferry-banks", "--cells", "81", "--no-figures", "--out", tmp_path)
+    assert called(*asked).returncode == 0
+    assert (tmp_path / "certificate.holdfast").exists()
+    answer = called(*asked, "--set", "certificate.sample_time=0.1")
+    assert answer.returncode == 1
+    assert "holdfast: no cell is certified" in answer.stderr
+    assert "From every state" not in answer.stdout
+    assert [f.name for f in tmp_path.iterdir()] == ["certificate.json"]
+    (option, share), *_ = advised(answer)
+    assert f"({share} %)" in called(*asked, *option).stdout
+
+
+def test_what_does_not_help_is_said():
+    answer = called("certify", "loaded-cart", "--no-figures")
+    assert "nothing alone on these cells" in answer.stdout
+
+
+def test_trials_are_of_fewer_cells_where_there_are_many(monkeypatch):
+    monkeypatch.setattr(certification_advice, "MOST_CELLS", 3000)
+    cells = {"ahead": 21, "left": 27, "v": 11}
+    options = {"cells": cells, "sample_time": 0.6, "errors": {"left": 0.02}}
+    strong = ("system.parameters.current.value=0.35",)
+    found = certified("seen-with-sway", strong, **options)
+    assert found.kept.share < certification_advice.ENOUGH
+    told = []
+    advice = what_helps(found, "seen-with-sway", strong, options, lambda _, done: told.append(done))
+    assert advice.coarser
+    assert advice.cells == (16, 21, 9)
+    assert told == [k / 8 for k in range(8)]
+    best = advice.changes[0]
+    assert best.share >= advice.share + certification_advice.GAIN
+    options = {c.option for c in advice.changes}
+    assert options <= {
+        *(f"--sample-time {t}" for t in ("0.06", "0.12", "0.3", "1.2", "3")), "--inputs 9",
+        "--set 'certificate.cells={ahead = 42, left = 54, v = 22}'",
+    }  # fmt: skip
+
+
+def test_options_replace_what_the_scenario_asks():
+    own = ["certificate={sample_time='200 ms', horizon=1, inputs={F=3}, errors={x='1 cm'}}"]
+    found = certified("loaded-cart", own, cells=21)
+    assert found.hold == 0.2
+    assert found.kept.holds == 5
+    assert found.candidates.shape == (3, 1)
+    assert found.sampling.errors == (0.01, 0.0)
+    assert found.ranges["mass"] == (20.0, 20.0)
+    found = certified("loaded-cart", own, cells=21, horizon=math.inf, errors={"v": 0.02}, inputs=5)
+    assert found.kept.holds is None
+    assert found.candidates.shape == (5, 1)
+    assert found.sampling.errors == (0.01, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("certificate.uncertain={mess=[1, 2]}", "unknown name 'mess'; did you mean 'mass'"),
+        ("certificate.errors={mass=1}", "certificate.errors: unknown name 'mass'"),
+        ("certificate.sample_time='2 m'", "the unit 'm' does not fit; expected 's'"),
+        ("certificate.cell=3", "certificate.cell: unknown key; did you mean 'cells'"),
+        ("certificate.refine=-1", "certificate.refine"),
+    ],
+)
+def test_what_a_certificate_cannot_be_asked_is_refused(override, said):
+    with pytest.raises(ScenarioError, match=re.escape(said)):
+        load_scenario("loaded-cart", [override])
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("certificate.inputs={G=3}", "inputs names 'G', which is no input"),
+        ("certificate.cells={x=11, w=11}", "cells names 'w', which is no state"),
+    ],
+)
+def test_counts_of_what_the_system_has_not_are_refused(override, said):
+    with pytest.raises(SimulationError, match=said):
+        certified("loaded-cart", [override])
+
+
+def test_sets_that_are_not_certified_have_no_certificate():
+    with pytest.raises(ScenarioError, match="a forward-reachable-set is not certified"):
+        load_scenario("ch7-forward-reach", ["certificate.cells=5"])
