@@ -12,6 +12,13 @@ writes `benchmarks/certified.json`. Problems:
 * population: its growth is steered and its size is kept (J.-P. Aubin and P. Saint-Pierre, 2007; the
   example of Viabilitree). Its exact kernel is known: the share of its area that is certified,
   beside that of the set which Viabilitree's repository has (`testTest`, depth 10, commit 49676ea).
+* lake: a shallow lake whose load of nutrients changes by 0.09 a second at most, and whose
+  phosphorus stays below 1.4 (S. Martin, 2004). Its exact kernel ends
+  where the load falls as fast as it may: one trajectory, which is integrated here.
+* landing: a DC9-30 that has to touch the ground slowly from anywhere in 25 m/s, 3 degrees and 56 m
+  (G. Reissig, A. Weber and M. Rungger, 2017; an example of SCOTS and of ROCS, which start it from
+  81 m/s, -1 degree, 55 m). landing-noisy: with the disturbances and errors of measurement of
+  SCOTS' example.
 * hill: a car on a hill, the viability kernel that integralibex (T. Le Mezo, intervals, Ibex) finds
   from inside and from outside: `car_on_the_hill_kernel` of its main.cpp. No figure is published
   with it but its picture.
@@ -25,21 +32,24 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+import math
 import platform
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import sympy as sp
+from scipy.integrate import solve_ivp
 
 import holdfast as hf
 from holdfast.execution.resources import available_cores
-from holdfast.maths.expressions.functions import least
+from holdfast.maths.expressions.functions import least, sgn
 
 RECORD = Path(__file__).with_suffix(".json")
 
@@ -191,6 +201,89 @@ def of_exact_population(found: hf.Certificate) -> tuple[float, int]:
     return float((high - low).prod(axis=1).sum() / exact), int((~fine).sum())
 
 
+LAKE = {"L": (0.1, 1.0), "P": (0.0, 1.4)}
+
+
+def lake() -> hf.Certificate:
+    """L' = u, P' = -0.8 P + L + P^8/(1 + P^8)."""
+    load, p, u = (hf.symbol(n) for n in "LPu")
+    states = hf.Quantity("L", "1"), hf.Quantity("P", "1")
+    system = steered("lake", states, (u, water(load, p)), hf.Quantity("u", "1/s"), 0.09)
+    stays = region(
+        "lake", system,
+        [sp.Rational(1, 10) - load, load - 1, -p, p - sp.Rational(7, 5)],
+    )  # fmt: skip
+    return hf.certify(system, stays, box=LAKE, cells=600, sample_time=0.2, inputs=3)
+
+
+def water(load: Any, p: Any) -> Any:
+    """The rate of phosphorus, of symbols or numbers."""
+    return -p * 4 / 5 + load + p**8 / (1 + p**8)
+
+
+def of_exact_lake(found: hf.Certificate) -> tuple[float, int]:
+    """Of the area of the exact kernel; how many cells are not in it.
+
+    The kernel ends at the trajectory whose load falls at 0.09 a second and that touches P = 1.4.
+    """
+    most = LAKE["P"][1]
+    touch = -float(water(0.0, most))
+    back = solve_ivp(
+        lambda t, q: (0.09, -water(q[0], q[1])), (0, (1 - touch) / 0.09), (touch, most),
+        rtol=1e-11, atol=1e-12, dense_output=True,
+    )  # fmt: skip
+    load, p = back.sol(np.linspace(0, back.t[-1], 1_000_001))
+    p = np.maximum(p, 0.0)
+    exact = (touch - LAKE["L"][0]) * most + float(np.trapezoid(p, load))
+    low, high = found.cells.corners(found.kept.members)
+    bound = np.interp(high[:, 0], load, p, left=most)
+    return float((high - low).prod(axis=1).sum() / exact), int((high[:, 1] > bound + 1e-9).sum())
+
+
+BEGIN = (81.0, -math.pi / 180, 55.0)
+"""From where the aircraft of the sources begins: m/s, rad, m."""
+
+
+def landing(noisy: bool) -> hf.Certificate:
+    """Speed, path angle and height of 60 t under a thrust and an angle of attack."""
+    v, path, h, thrust, attack, gust, turn = (
+        hf.symbol(n) for n in ("V", "path", "h", "thrust", "attack", "gust", "turn")
+    )
+    lift, mass, gravity = sp.Rational(5, 4) + 21 * attack / 5, 60000, sp.Rational(981, 100)
+    drag = sp.Rational(27, 10) + sp.Rational(77, 25) * lift**2
+    rates = {
+        "V": (thrust * sp.cos(attack) - drag * v**2) / mass - gravity * sp.sin(path),
+        "path": (thrust * sp.sin(attack) / v + sp.Rational(343, 5) * lift * v) / mass
+        - gravity * sp.cos(path) / v,
+        "h": v * sp.sin(path),
+    }
+    more: dict[str, Any] = {}
+    if noisy:
+        rates |= {"V": rates["V"] + gust, "path": rates["path"] + turn}
+        more = {
+            "disturbances": (hf.Quantity("gust", "m/s^2"), hf.Quantity("turn", "rad/s")),
+            "disturbance_bounds": hf.Box((-0.108, -0.002), (0.108, 0.002)),
+        }
+    plane = hf.System(
+        "landing aircraft",
+        (hf.Quantity("V", "m/s"), hf.Quantity("path", "rad"), hf.Quantity("h", "m")),
+        (hf.Quantity("thrust", "N"), hf.Quantity("attack", "rad")),
+        rates,
+        input_bounds=hf.Box((0.0, 0.0), (32000.0, 8 * math.pi / 180)),
+        **more,
+    )
+    steep = 3 * math.pi / 180
+    air = region("air", plane, [58 - v, v - 83, -steep - path, path, -h, h - 56])
+    touch = [63 - v, v - 75, h - sp.Rational(5, 2), -sp.Rational(91, 100) - v * sp.sin(path)]
+    errors = {"V": 0.0125, "path": 0.0025 * math.pi / 180, "h": 0.05} if noisy else {}
+    return hf.certify(
+        plane, air, target=region("touch", plane, touch), errors=errors, sample_time=1.0,
+        box={"V": (58, 83), "path": (-steep, 0), "h": (0, 56)}, horizon=60,
+        cells={"V": 80, "path": 50, "h": 334} if noisy else {"V": 100, "path": 66, "h": 112},
+        inputs={"thrust": 2, "attack": 10},
+    )  # fmt: skip
+
+
 def hill() -> hf.Certificate:
     """x' = v, v' = -9.81 sin(slope) - 0.7 v + u, with the numbers of the source."""
     x, v, u = (hf.symbol(n) for n in "xvu")
@@ -219,8 +312,12 @@ def exact_share(found: hf.Certificate) -> tuple[float, int]:
     )
 
 
-def driven(found: hf.Certificate) -> dict[str, object]:
-    """A thousand runs of the law from certified cells: how many arrive, and how near to a wall."""
+def driven(found: hf.Certificate, first: Sequence[float] | None = None) -> dict[str, object]:
+    """A thousand runs of the law from certified cells: how many arrive, and how near to a wall.
+
+    first: the state that one of them begins with. Disturbances jump between their bounds, and
+    errors of measurement are any; runs begin where each of these is measured in a certified cell.
+    """
     system = hf.certified_system(found)
     square, goal = (
         region(name, system, [e for _, _, e in limits])
@@ -228,20 +325,33 @@ def driven(found: hf.Certificate) -> dict[str, object]:
     )
     generator = np.random.default_rng(0)
     low, high = found.cells.corners(generator.choice(found.kept.members, 1000))
-    starts = low + (high - low) * generator.random(low.shape)
+    off = np.array(found.sampling.errors)
+    starts = low + off + (high - low - 2 * off) * generator.random(low.shape)
+    if first is not None:
+        starts[0] = first
+    t = hf.symbol("t")
+    jumps = {
+        name: found.ranges[name][1] * sgn(sp.sin((3 + k) * t))
+        for k, (name, _) in enumerate(found.disturbances)
+    }
+    errors = {n: e for (n, _), e in zip(found.states, found.sampling.errors, strict=True) if e}
     ends, goes_on = (
         hf.simulate(
             system, hf.certified_law(found), starts=starts, region=square, goal=goal,
-            horizon=found.kept.holds * found.hold, sample_time=found.hold,
-            record_every=found.hold, substeps=20, until_goal=until_goal,
+            horizon=found.kept.holds * found.hold, sample_time=found.hold, disturbance=jumps,
+            noise_uniform=errors, record_every=found.hold, substeps=20, until_goal=until_goal,
         )
         for until_goal in (True, False)
     )  # fmt: skip
     took, says = ends.arrays["goal_time"].values, ends.arrays["signal"].values[:, 0, 0]
-    return {
+    row = {
         "arrived": ends.outcomes["reached goal"],
         "arrived_in_time": int((took <= says + 1e-9).sum()),
         "longest_s": float(took.max()),
+    }
+    if first is not None:  # an aircraft that touched the ground goes on by another law
+        return row | {"worst_constraint": float(ends.arrays["worst_constraint"].values.max())}
+    return row | {
         "at_the_goal_at_the_end": goes_on.outcomes["reached goal"],
         "worst_constraint": float(goes_on.arrays["worst_constraint"].values.max()),
     }
@@ -253,6 +363,9 @@ PROBLEMS: dict[str, Callable[[], hf.Certificate]] = {
     "cart": lambda: cart(False),
     "cart3": lambda: cart(True),
     "population": population,
+    "lake": lake,
+    "landing": lambda: landing(False),
+    "landing-noisy": lambda: landing(True),
     "hill": hill,
 }
 PUBLISHED = {"vehicle": 597.96, "converter": 93.06}
@@ -279,6 +392,14 @@ def judged(name: str, share: float) -> dict[str, object]:
     if name.startswith("cart"):
         row["of_exact"], row["outside_exact"] = exact_share(found)
         row["of_exact"] = round(row["of_exact"], 4)
+    if name == "lake":
+        of_exact, row["outside_exact"] = of_exact_lake(found)
+        row["of_exact"] = round(of_exact, 4)
+    if name.startswith("landing"):
+        low, high = found.cells.corners(found.kept.members)
+        begins = (low <= BEGIN).all(axis=1) & (high >= BEGIN).all(axis=1)
+        row |= {"begins": bool(begins.any()), "holds": int(found.kept.entries[:, 2].max())}
+        row |= driven(found, BEGIN)
     if name == "population":
         of_exact, outside = of_exact_population(found)
         area, inside = FOUND_BY_KD_TREE

@@ -262,7 +262,7 @@ def _of_flowpipe(h: Values, levels: Sequence[Any], share: float, drawn: random.R
     fits = bool(law["modes"]) == bool(h["inputs"]) and (law["modes"] or law == NO_LAW)
     fits = fits and (law["modes"] or not any(h["errors"])) and h["states"]
     rows = {len(h["rates"]), len(h["start"]), len(h["states"])}
-    if not (fits and len(rows) == 1 and h["holds"] > 0 and 0 < h["hold"] * h["holds"] < math.inf):
+    if not (fits and len(rows) == 1 and h["holds"] >= 1 and 0 < h["hold"] * h["holds"] < math.inf):
         raise NotValidError("the hold, the horizon, the start or the inputs are none")
     several = list(parts(h, pipe)) if len(h["splits"]) < 2 * len(levels) else []
     spans = list(itertools.pairwise(itertools.accumulate((n for _, n in several), initial=0)))
