@@ -81,6 +81,11 @@ CERTIFIED = {
         (*SLOW_BOAT, "grid.nodes={ahead = 37, left = 49, u = 17, v = 9}"),
         share=0.1,
     ),
+    "seen-by-torque": Case(
+        "seen-by-torque",
+        "target in view by thrust and torque, sway and yaw rate states, any current up to 0.05 m/s",
+        share=0.01,
+    ),
     "loaded-cart": Case(
         "loaded-cart",
         "cart between walls, any mass from 18 to 22 kg",

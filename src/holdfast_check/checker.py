@@ -287,8 +287,7 @@ def _of_cells(h: Values, every: Sequence[Any], share: float, drawn: random.Rando
         if shown and k % SHOWN == 0:
             print(f"\r{k} of {len(entries)} ", end="", file=sys.stderr, flush=True)
         checker.entry(*entry)
-    if shown:
-        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    print("\r\x1b[K" * shown, end="", file=sys.stderr, flush=True)
     return {"checked": len(entries), "entries": len(every)}
 
 

@@ -62,8 +62,8 @@ def test_what_does_not_help_is_said():
 def test_trials_are_of_fewer_cells_where_there_are_many(monkeypatch):
     monkeypatch.setattr(certification_advice, "MOST_CELLS", 3000)
     cells = {"ahead": 21, "left": 27, "v": 11}
-    options = {"cells": cells, "sample_time": 0.6, "errors": {"left": 0.02}}
-    strong = ("system.parameters.current.value=0.35",)
+    options = {"cells": cells, "sample_time": 1.5, "errors": {"left": 0.02}}
+    strong = ("system.parameters.current.value=0.25",)
     found = certified("seen-with-sway", strong, **options)
     assert found.kept.share < certification_advice.ENOUGH
     told = []
@@ -75,7 +75,7 @@ def test_trials_are_of_fewer_cells_where_there_are_many(monkeypatch):
     assert best.share >= advice.share + certification_advice.GAIN
     options = {c.option for c in advice.changes}
     assert options <= {
-        *(f"--sample-time {t}" for t in ("0.06", "0.12", "0.3", "1.2", "3")), "--inputs 9",
+        *(f"--sample-time {t}" for t in ("0.15", "0.3", "0.75", "3", "7.5")), "--inputs 9",
         "--set 'certificate.cells={ahead = 42, left = 54, v = 22}'",
     }  # fmt: skip
 

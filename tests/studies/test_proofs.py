@@ -24,7 +24,7 @@ SMALL = (
     "seen-leader", "leader-gains", "leader-gains-any", "held-station", "ferry-banks", "loaded-cart",
 )  # fmt: skip
 
-LARGE = ("seen-with-sway", "seen-with-lasers", "pushed-cart", "seen-by-thrust")
+LARGE = ("seen-with-sway", "seen-with-lasers", "pushed-cart", "seen-by-thrust", "seen-by-torque")
 EVERY = [*SMALL, *(pytest.param(n, marks=pytest.mark.heavy) for n in LARGE)]
 
 FUNCTIONS = [{"least": np.minimum, "greatest": np.maximum, "magnitude": np.abs}, "numpy"]

@@ -190,13 +190,8 @@ def together(paths):
         ),
         *(("pair", {"rates": [f"-x + 0*({more})", "-y"]}) for more in ("x**64", "x**65", "x**0")),
         *(
-            ("pair", {"rates": [f"-x + 0*{more}", "-y"]})
-            for more in (
-                "log(x - 0.15)",
-                "wrap(x + 3)",
-                "angle(-1, x - 0.15)",
-                "atan2(x - 0.15, -1)",
-            )
+            ("pair", {"rates": [f"-x + 2**(-40)*{more}", "-y"]})
+            for more in ("wrap(x + 3)", "atan2(x - 3/20, -1)", "Abs(1/(x - 3/20))", "Abs(0*x + 1)")
         ),
         ("modes", {"law": {**modes, "names": [*modes["names"], "third"]}}),
         ("pipe", {"law": guard}),
@@ -213,6 +208,7 @@ def together(paths):
         yield f"guard hard {hard}", changed(paths["guard"], lambda h, c=law: h.update(law=c))
     first, _, rest = paths["keep"].read_bytes().partition(b"\n")
     yield "keep with a word more", first + b" x\n" + rest
+    yield "keep nothing", changed(paths["keep"], lambda h: None, entries=lambda rows: b"")
     for level in (3, 4):  # of three holds
         yield (
             f"brief level {level}",
