@@ -104,7 +104,7 @@ def vehicle() -> hf.Certificate:
     return hf.certify(
         car, square, target=goal, sample_time=0.3, inputs=7,
         box={"x": (0, 10), "y": (0, 10), "theta": (-np.pi, np.pi)},
-        cells={"x": edges(marks[0], 0.2), "y": edges(marks[1], 0.2), "theta": 50},
+        cells={"x": edges(marks[0], 0.25), "y": edges(marks[1], 0.25), "theta": 36},
     )  # fmt: skip
 
 

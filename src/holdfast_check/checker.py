@@ -26,7 +26,7 @@ import math
 import random
 import secrets
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import flint
@@ -47,13 +47,14 @@ from holdfast_check.intervals import (
     within,
 )
 from holdfast_check.law import Law
-from holdfast_check.reading import NO_LAW, NotValidError, Values, read
+from holdfast_check.reading import NO_LAW, NotValidError, Values, content_of, read
 from holdfast_check.statement import lines, statement
 from holdfast_check.taylor import NoModelError
 
 BITS = 80
 NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, MOST_STEPS = 1, 2, 3, 1e-3, 64
 MOST_TURNED, MOST_TOUCHED, SHOWN = 1e12, 1 << 20, 2000
+Tell = Callable[[int, int], None]
 GROUPS = ("states", "inputs", "disturbances", "parameters")
 
 
@@ -278,16 +279,16 @@ def _of_flowpipe(h: Values, levels: Sequence[Any], share: float, drawn: random.R
     return {"parts": len(every), "checked": len(some), "entries": len(every)}
 
 
-def _of_cells(h: Values, every: Sequence[Any], share: float, drawn: random.Random) -> Values:
+def _of_cells(
+    h: Values, every: Sequence[Any], share: float, drawn: random.Random, tell: Tell | None
+) -> Values:
     """Checks the entries, all or some."""
     checker, count = Checker(h, list(every)), max(round(share * len(every)), 1)
     entries = every if share == 1 else drawn.sample(every, count)
-    shown = sys.stderr.isatty() and len(entries) >= SHOWN
     for k, entry in enumerate(entries):
-        if shown and k % SHOWN == 0:
-            print(f"\r{k} of {len(entries)} ", end="", file=sys.stderr, flush=True)
+        if tell is not None and k % SHOWN == 0:
+            tell(k, len(entries))
         checker.entry(*entry)
-    print("\r\x1b[K" * shown, end="", file=sys.stderr, flush=True)
     return {"checked": len(entries), "entries": len(every)}
 
 
@@ -296,16 +297,21 @@ def begin() -> None:
     flint.ctx.prec = BITS
 
 
-def checked(path: str, share: float = 1.0, seed: int | None = None) -> Values:
-    """What is proved, and how much of it was checked.
+def proved(
+    content: bytes, share: float = 1.0, seed: int | None = None, tell: Tell | None = None
+) -> Values:
+    """What the content of a file proves, and how much of it was checked.
+
+    tell: is called with how many entries were checked, of how many.
 
     Raises `NotValidError` where the certificate is wrong, or says what this program does not know.
     """
     begin()
     seed = secrets.randbits(32) if seed is None else seed
-    header, every = read(path)
+    header, every = read(content)
     try:
-        how = _of_flowpipe if "start" in header else _of_cells
+        cells = functools.partial(_of_cells, tell=tell)
+        how = _of_flowpipe if "start" in header else cells
         done = how(header, every, share, random.Random(seed))
         said = statement(header, every)
     except KeyError as name:
@@ -314,6 +320,13 @@ def checked(path: str, share: float = 1.0, seed: int | None = None) -> Values:
         raise NotValidError(f"its parts do not go together: {error!r}") from error
     said |= done | {"valid": done["checked"] == done["entries"]}
     return said if said["valid"] else said | {"seed": seed}
+
+
+def checked(
+    path: str, share: float = 1.0, seed: int | None = None, tell: Tell | None = None
+) -> Values:
+    """What a file proves, as `proved` says."""
+    return proved(content_of(path), share, seed, tell)
 
 
 def verdict(said: Values) -> str:
@@ -355,7 +368,8 @@ def main() -> None:
     if not 0 < asked.share <= 1:
         parser.error("--share: expected above 0, at most 1")
     try:
-        said = checked(asked.file, asked.share, asked.seed)
+        tell = _tell if sys.stderr.isatty() else None
+        said = checked(asked.file, asked.share, asked.seed, tell)
         if asked.expect:
             holdfast = importlib.import_module("holdfast.studies.certificate_of")
             holdfast.check_of_scenario(asked.file, asked.expect)
@@ -374,6 +388,10 @@ def main() -> None:
     word = "valid" if said["valid"] else "not refuted"
     of = f", of {json.dumps(asked.expect)}" if asked.expect else ""
     _end(asked, said, "\n".join([f"{word}{of}: {verdict(said)}", *lines(said)]), 0)
+
+
+def _tell(done: int, of: int) -> None:
+    print(f"\r{done} of {of} \r", end="", file=sys.stderr, flush=True)
 
 
 def _end(asked: argparse.Namespace, said: Values, text: str, status: int) -> None:

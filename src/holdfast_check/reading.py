@@ -29,16 +29,20 @@ class NotValidError(Exception):
     """Where and why a certificate does not prove what it says."""
 
 
-def read(path: str) -> tuple[Values, list[Any]]:
+def content_of(path: str) -> bytes:
+    """All of a file, which is no device."""
+    if not os.path.isfile(path):
+        raise OSError("it is no file")
+    with open(path, "rb") as file:
+        return file.read()
+
+
+def read(content: bytes) -> tuple[Values, list[Any]]:
     """What a file says: its header, and entries of a cell, the number of its input, and a level; of
     a flowpipe, whose header has a start, how small its steps are.
 
     Raises `NotValidError` if a bit of it is not as it was written.
     """
-    if not os.path.isfile(path):
-        raise OSError("it is no file")
-    with open(path, "rb") as file:
-        content = file.read()
     first, _, rest = content.partition(b"\n")
     words = first.decode("ascii", "replace").split(" ")
     if (magic := " ".join(words[:2])) not in MAGICS or len(words) != 3:

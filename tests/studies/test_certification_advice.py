@@ -5,8 +5,11 @@ import re
 import shlex
 
 import pytest
+from click.testing import CliRunner
 
+from holdfast.commands.certify import command
 from holdfast.errors import ScenarioError, SimulationError
+from holdfast.presentation.studies.certificate import advice_text
 from holdfast.scenario.load import load_scenario
 from holdfast.studies import certification_advice
 from holdfast.studies.certification import certified
@@ -56,7 +59,9 @@ def test_no_cell_leaves_no_certificate_and_says_what_helps(tmp_path):
 
 def test_what_does_not_help_is_said():
     answer = called("certify", "loaded-cart", "--no-figures")
-    assert "nothing alone on these cells" in answer.stdout
+    told = answer.stdout.partition("what helps")[2].splitlines()
+    assert told[0].strip() == "none of these alone, by 2 % or more:"
+    assert {line.split()[0] for line in told[1:]} == {"--sample-time", "--inputs", "--cells"}
 
 
 def test_trials_are_of_fewer_cells_where_there_are_many(monkeypatch):
@@ -66,18 +71,58 @@ def test_trials_are_of_fewer_cells_where_there_are_many(monkeypatch):
     strong = ("system.parameters.current.value=0.25",)
     found = certified("seen-with-sway", strong, **options)
     assert found.kept.share < certification_advice.ENOUGH
-    told = []
-    advice = what_helps(found, "seen-with-sway", strong, options, lambda _, done: told.append(done))
-    assert advice.coarser
-    assert advice.cells == (16, 21, 9)
-    assert told == [k / 8 for k in range(8)]
+    progress = []
+    advice = what_helps(
+        found, "seen-with-sway", strong, options, lambda _, done: progress.append(done)
+    )
+    assert progress == [k / 8 for k in range(8)]
+    times = [f"--sample-time {t}" for t in ("0.75", "3", "0.3", "7.5", "0.15")]
+    twice = "--set 'certificate.cells={ahead = 42, left = 54, v = 22}'"
+    assert set(advice.tried) == {*times, "--inputs 9", twice}
     best = advice.changes[0]
-    assert best.share >= advice.share + certification_advice.GAIN
-    options = {c.option for c in advice.changes}
-    assert options <= {
-        *(f"--sample-time {t}" for t in ("0.15", "0.3", "0.75", "3", "7.5")), "--inputs 9",
-        "--set 'certificate.cells={ahead = 42, left = 54, v = 22}'",
-    }  # fmt: skip
+    assert best.option in times
+    assert best.cells == (16, 21, 9)
+    assert best.share >= best.before + certification_advice.GAIN
+    assert "tried on 16 x 21 x 9 cells, which have" in advice_text(advice)
+
+
+def test_trials_have_no_more_cells_than_were_asked_for():
+    """Twice the cells are tried as they are advised; where they are too many they are not."""
+    found = certified("loaded-cart", cells=2)
+    advice = what_helps(found, "loaded-cart", (), {"cells": 2})
+    assert "--cells 4" in advice.tried
+    assert all(change.cells is None for change in advice.changes)
+    found = certified("loaded-cart", cells=170)
+    advice = what_helps(found, "loaded-cart", (), {"cells": 170})
+    assert advice is not None
+    assert not any("cells" in option for option in advice.tried)
+
+
+def test_trials_that_are_refused_are_not_told():
+    options = {"delay": 0.15, "cells": 41}
+    found = certified("loaded-cart", **options)
+    tried = what_helps(found, "loaded-cart", (), options).tried
+    assert [o for o in tried if o.startswith("--sample-time")] == [
+        "--sample-time 0.4", "--sample-time 1"
+    ]  # fmt: skip
+
+
+def test_more_inputs_are_told_as_they_can_be_asked_for():
+    override = ["certificate.inputs={F = 3}"]
+    found = certified("loaded-cart", override, cells=21)
+    assert "--inputs 5" in what_helps(found, "loaded-cart", override, {"cells": 21}).tried
+
+
+def test_interrupted_trials_leave_the_answer(monkeypatch, tmp_path):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(certification_advice, "what_helps", interrupted)
+    asked = ["held-station", "--cells", "31", "--set", "certificate.sample_time=0.1"]
+    answer = CliRunner().invoke(command, [*asked, "--no-figures", "--out", str(tmp_path)])
+    assert answer.exit_code == 0
+    assert "check it" in answer.output
+    assert "what helps" not in answer.output
 
 
 def test_options_replace_what_the_scenario_asks():
@@ -119,6 +164,19 @@ def test_what_a_certificate_cannot_be_asked_is_refused(override, said):
 def test_counts_of_what_the_system_has_not_are_refused(override, said):
     with pytest.raises(SimulationError, match=said):
         certified("loaded-cart", [override])
+
+
+def test_cells_of_one_state_leave_those_of_the_others_and_parameters_are_of_the_region_too():
+    found = certified("loaded-cart", ["certificate={cells={v=7}}"])
+    assert found.cells.counts == (101, 7)
+    kept = load_scenario("seen-with-sway", ["certificate.uncertain={clearance=[0, '1 cm']}"])
+    assert kept.certificate["uncertain"] == {"clearance": (0.0, 0.01)}
+
+
+def test_outer_sets_take_no_table():
+    answer = called("certify", "seen-target", "--outer", "none.nc", "--set", "certificate.cells=5")
+    assert answer.returncode == 2
+    assert "--set certificate with --outer" in answer.stderr
 
 
 def test_sets_that_are_not_certified_have_no_certificate():

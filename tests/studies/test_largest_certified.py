@@ -10,6 +10,7 @@ import holdfast as hf
 from holdfast.analysis.reachability.bisection import Answer
 from holdfast.commands.certify import command
 from holdfast.errors import ScenarioError
+from holdfast.scenario.files import read_tables
 from holdfast.studies.largest_certified import largest_certified, write_largest
 from holdfast_check.checker import check
 
@@ -80,7 +81,11 @@ def test_number_that_is_no_bound_is_tried_all_over_the_interval():
     assert found.found.ranges["mass"] == (found.low, found.low)
 
 
-def test_number_whose_range_the_scenario_has_is_not_searched():
+def test_number_whose_range_the_scenario_has_is_not_searched(tmp_path):
+    text = read_tables("loaded-cart")[1].replace("mass", "cart_mass")
+    (tmp_path / "cart.toml").write_text(text)
+    with pytest.raises(ScenarioError, match="'cart_mass' is searched, and has a range"):
+        largest_certified(str(tmp_path / "cart.toml"), "cart_mass", cells=11)
     with pytest.raises(ScenarioError, match="'mass' is searched, and has a range in uncertain"):
         largest_certified("loaded-cart", "mass", cells=11)
 
@@ -97,11 +102,13 @@ def test_command_finds_the_largest_current_and_the_other_one_checks_it(tmp_path)
 
 
 def test_command_says_where_the_limit_was_not_found(tmp_path):
+    (tmp_path / "certificate.holdfast").write_text("of an earlier question")
     asked = ["seen-target", "--largest", "current", "--cells", "11", "--between", "0.8", "0.9"]
     answer = CliRunner().invoke(command, [*asked, "--out", str(tmp_path)])
     assert answer.exit_code == 1
     assert "0.8 m/s is not certified already" in answer.output
     assert "was not found" in answer.output
+    assert not (tmp_path / "certificate.holdfast").exists()
 
 
 def test_command_refuses_a_share_without_a_number_to_search():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -181,6 +182,7 @@ def command(
         beside = {
             "kernel": kernel, "box": box, "largest": largest, "horizon": horizon,
             "uncertain": uncertain, "error": error, "delay": delay,
+            "set certificate": tuple(o for o in overrides if o.startswith("certificate")),
         }  # fmt: skip
         if wrong := [name for name, value in beside.items() if value not in (None, ())]:
             raise ScenarioError(f"--{wrong[0]} with --outer", expected="the set as it was solved")
@@ -219,9 +221,9 @@ def command(
         found = answer.find(progress=tell)
     click.echo(answer.text(found, answer.write(found, folder, figures=not no_figures)))
     if answer.helps is not None:
-        with bar("trying what helps") as tell:
-            advice = answer.helps(found, progress=tell)
-        click.echo(advice, nl=bool(advice))
+        with suppress(KeyboardInterrupt, MemoryError), bar("trying what helps") as tell:
+            if advice := answer.helps(found, progress=tell):  # the answer stands without it
+                click.echo(advice)
     missing = answer.missing(found)
     if missing is not None:
         if missing:
@@ -275,11 +277,12 @@ def _of_law(
     scenario: str, overrides: tuple[str, ...], box: dict[str, Any], options: dict[str, Any]
 ) -> _Answer:
     from holdfast.presentation.studies.certificate import judgement_text
-    from holdfast.studies.certification import write_certificate
+    from holdfast.studies.certification import clear, write_certificate
     from holdfast.studies.law_certification import judged_law
 
     def write(found: Any, folder: Path, *, figures: bool) -> list[Path]:
         certificate = found.certificate
+        clear(folder)
         some = len(certificate.kept.members) > 0
         return write_certificate(certificate, folder, figures=figures) if some else []
 

@@ -57,20 +57,10 @@ def certified(
     if store is not None:
         make_folder(store)
     axes = loaded.grid.axes
-    stated = loaded.certificate
-    asked = {
-        "cells": cells, "sample_time": sample_time, "horizon": horizon, "inputs": inputs,
-        "delay": delay, "refine": refine,
-    }  # fmt: skip
-    options: dict[str, Any] = {
-        "cells": {a.name: a.count for a in axes},
-        **stated,
-        **{name: value for name, value in asked.items() if value is not None},
-        "uncertain": {**stated.get("uncertain", {}), **(uncertain or {})},
-        "errors": {**stated.get("errors", {}), **(errors or {})},
-    }
-    if options.get("horizon") == math.inf:
-        del options["horizon"]
+    options = merged(
+        loaded, cells=cells, sample_time=sample_time, horizon=horizon, inputs=inputs,
+        uncertain=uncertain, errors=errors, delay=delay, refine=refine,
+    )  # fmt: skip
     return certify(
         loaded.system,
         loaded.region,
@@ -83,6 +73,19 @@ def certified(
         margin=margin,
         progress=progress,
     )
+
+
+def merged(loaded: KernelScenario, **asked: Any) -> dict[str, Any]:
+    """Arguments of `hf.certify`: those that are asked for, else what [certificate] says."""
+    stated = loaded.certificate
+    options = {**stated, **{name: value for name, value in asked.items() if value is not None}}
+    for name in ("uncertain", "errors"):
+        options[name] = {**stated.get(name, {}), **(asked.get(name) or {})}
+    if not isinstance(options.get("cells"), int):
+        options["cells"] = {a.name: a.count for a in loaded.grid.axes} | options.get("cells", {})
+    if options.get("horizon") == math.inf:
+        del options["horizon"]
+    return options
 
 
 def outside_of(
@@ -148,14 +151,20 @@ def write_outer(found: OuterSet, folder: Path, *, figures: bool) -> list[Path]:
     return files
 
 
+def clear(folder: Path) -> None:
+    """Remove what an earlier question left there: it would be taken for an answer to this one."""
+    for name in (FILE, "certificate.json", "certificate.png", "certificate.svg"):
+        (folder / name).unlink(missing_ok=True)
+
+
 def write_certificate(found: Certificate, folder: Path, *, figures: bool) -> list[Path]:
     """The certificate, if it has a cell, what it says in JSON, and the figure."""
     make_folder(folder)
+    clear(folder)
     files = [write_summary(folder / "certificate.json", found.summary())]
     if len(found.kept.members):
         files = [found.write(folder / FILE), *files]
-    else:  # what an earlier question left there would be taken for an answer to this one
-        (folder / FILE).unlink(missing_ok=True)
+    else:
         forget(folder)
     if figures and len(found.states) > 1:
         from holdfast.presentation.figures import style

@@ -7,17 +7,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from holdfast.analysis.certificates.certificate import Certificate
+from holdfast.analysis.certificates.problem import INPUTS, counts_of
 from holdfast.errors import HoldfastError
-from holdfast.studies.certification import certified
+from holdfast.scenario.load import load_scenario
+from holdfast.studies.certification import certified, check_kernel, merged
 
 ENOUGH, GAIN = 0.9, 0.02
 """Shares of the region: that needs no advice, and by how much more a change is worth a word."""
 
-MOST_CELLS = 50_000
-"""Cells of a trial: where more were asked for, each axis has fewer, so that trials are quick."""
+MOST_CELLS, MOST_TWICE = 20_000, 110_000
+"""Cells of a trial: where more were asked for, each axis has fewer, so that trials are quick; and
+of the trial of twice the cells, which is left out where they are more."""
 
 TIMES = (0.5, 2, 0.2, 5, 0.1)
 """Sample times that are tried, as multiples of the one that was asked for, the nearest first."""
@@ -25,23 +26,24 @@ TIMES = (0.5, 2, 0.2, 5, 0.1)
 
 @dataclass(frozen=True)
 class Change:
-    """One number changed alone: the option of the command, and the share that is certified."""
+    """One number changed alone.
+
+    option: of the command. share: that is certified with it, `before`: without it, on as many
+    `cells`; none where these are those of the option, or those that were asked for.
+    """
 
     option: str
     share: float
+    before: float
+    cells: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
 class Advice:
-    """What changes of single numbers gain, on `cells` along each state.
+    """tried: the options of all trials that ran. changes: the best of sample times, of cells and
+    of inputs, where they gain, the best one first."""
 
-    share: certified without a change. coarser: whether these are fewer cells than were asked for.
-    changes: those that gain, the best of sample times, cells and inputs, the best one first.
-    """
-
-    share: float
-    cells: tuple[int, ...]
-    coarser: bool
+    tried: tuple[str, ...]
     changes: tuple[Change, ...]
 
 
@@ -55,50 +57,65 @@ def what_helps(
     """Trials of other sample times, of twice the cells and of more inputs.
 
     options: of `certified`, as they were asked for. None where enough is certified. A trial that is
-    refused, such as of a sample time below the delay, gains nothing.
+    refused, such as of a sample time below the delay, counts as none.
     """
     kept, names = certificate.kept, [name for name, _ in certificate.states]
     if kept.share >= ENOUGH:
         return None
+    loaded = check_kernel(load_scenario(scenario, overrides), scenario)
     asked = tuple(count >> kept.depth for count in certificate.cells.counts)
-    finer = max(1.0, (math.prod(asked) / MOST_CELLS) ** (1 / len(asked)))
-    cells = tuple(max(3, round(count / finer)) for count in asked)
+    total = math.prod(asked)
+    coarser = max(1.0, (total / MOST_CELLS) ** (1 / len(asked)))
+    cells = tuple(min(count, max(3, round(count / coarser))) for count in asked)
+    on_cells = {"cells": dict(zip(names, cells, strict=True))}
     periods = [float(f"{k * certificate.hold:.4g}") for k in TIMES]
-    twice = {name: 2 * count for name, count in zip(names, cells, strict=True)}
     kinds: list[dict[str, dict[str, Any]]] = [
-        {f"--sample-time {period:g}": {"sample_time": period} for period in periods},
-        {_option("cells", names, [2 * count for count in asked]): {"cells": twice}},
+        {f"--sample-time {period:g}": {**on_cells, "sample_time": period} for period in periods}
     ]
+    tried = merged(loaded, **options).get("inputs", INPUTS)
     if certificate.inputs:
-        each = [2 * len(np.unique(values)) - 1 for values in certificate.candidates.T]
-        counts = {name: count for (name, _), count in zip(certificate.inputs, each, strict=True)}
-        kinds.append({_option("inputs", list(counts), each): {"inputs": counts}})
+        each = {n: 2 * count - 1 for n, count in zip(
+            loaded.system.input_names, counts_of(loaded.system, tried), strict=True
+        )}  # fmt: skip
+        more = 2 * tried - 1 if isinstance(tried, int) else each
+        kinds.append({_option("inputs", each): {**on_cells, "inputs": more}})
+    if total << len(asked) <= MOST_TWICE:
+        twice = {name: 2 * count for name, count in zip(names, asked, strict=True)}
+        kinds.append({_option("cells", twice): {"cells": twice}})
     trials, done = 1 + sum(map(len, kinds)), 0
-    base = {**options, "cells": dict(zip(names, cells, strict=True))}
 
-    def share(change: Mapping[str, Any]) -> float:
+    def share(change: Mapping[str, Any]) -> float | None:
         nonlocal done
         if progress is not None:
             progress("trying what helps", done / trials)
         done += 1
         try:
-            return certified(scenario, overrides, **{**base, **change}).kept.share
+            return certified(scenario, overrides, **{**options, **change}).kept.share
         except HoldfastError:
-            return 0.0
+            return None
 
-    before = share({}) if cells != asked else kept.share
-    best = []
+    coarse = cells != asked
+    before = (share(on_cells) or 0.0) if coarse else kept.share
+    ran, best = list[str](), list[Change]()
     for kind in kinds:
-        tried = [Change(option, share(change)) for option, change in kind.items()]
-        best.append(max(tried, key=lambda change: round(change.share, 3)))
-    gains = [change for change in best if change.share >= before + GAIN]
-    gains.sort(key=lambda change: -change.share)
-    return Advice(before, cells, cells != asked, tuple(gains))
+        shares = {option: share(change) for option, change in kind.items()}
+        done_ones = {option: value for option, value in shares.items() if value is not None}
+        ran += done_ones
+        if done_ones:
+            option = max(done_ones, key=lambda name: round(done_ones[name], 3))
+            value, on_asked = done_ones[option], not coarse or kind[option].keys() == {"cells"}
+            best.append(
+                Change(option, value, kept.share)
+                if on_asked
+                else Change(option, value, before, cells)
+            )
+    gains = [change for change in best if change.share >= change.before + GAIN]
+    return Advice(tuple(ran), tuple(sorted(gains, key=lambda change: -change.share)))
 
 
-def _option(name: str, of: list[str], counts: list[int]) -> str:
+def _option(name: str, counts: Mapping[str, int]) -> str:
     """The option of the command for as many along each, or along each its own."""
-    if len({*counts}) == 1:
-        return f"--{name} {counts[0]}"
-    each = ", ".join(f"{n} = {count}" for n, count in zip(of, counts, strict=True))
+    if len({*counts.values()}) == 1:
+        return f"--{name} {next(iter(counts.values()))}"
+    each = ", ".join(f"{n} = {count}" for n, count in counts.items())
     return f"--set 'certificate.{name}={{{each}}}'"

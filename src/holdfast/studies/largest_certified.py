@@ -18,7 +18,7 @@ from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel
 from holdfast.scenario.load import load_scenario
 from holdfast.scenario.overrides import check_overrides
-from holdfast.studies.certification import certified, check_kernel, write_certificate
+from holdfast.studies.certification import certified, check_kernel, clear, write_certificate
 from holdfast.studies.disturbance_margin import can_do_more
 from holdfast.studies.scenario_parameter import check_number, find_knob
 
@@ -87,7 +87,7 @@ def largest_certified(
     off = of.startswith(UNCERTAIN)
     ranges = {**own.certificate.get("uncertain", {}), **given}
     searched = _off(own, of, given) if off else _number(scenario, changes, own, of)
-    if not off and searched.name in ranges:
+    if not off and ranges.keys() & {*searched.key.split(".")}:
         raise ScenarioError(f"{own.file}: '{of}' is searched, and has a range in uncertain as well")
     low, high = between or (0.0, (0.5 if off else 2.0) * abs(searched.own))
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
@@ -158,6 +158,7 @@ def largest_certified(
 def write_largest(found: LargestCertified, folder: Path, *, figures: bool) -> list[Path]:
     """largest.json, and the certificate of the largest number that is certified."""
     make_folder(folder)
+    clear(folder)
     files = [] if found.found is None else write_certificate(found.found, folder, figures=figures)
     return [*files, write_summary(folder / "largest.json", found.summary())]
 

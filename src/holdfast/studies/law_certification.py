@@ -113,8 +113,13 @@ def flowpipe_of(
         )
 
 
+FLOWPIPE_FILES = ("flowpipe.holdfast", "flowpipe.json", "flowpipe.png", "flowpipe.svg")
+
+
 def write_flowpipe(pipe: Flowpipe, folder: Path, *, figures: bool) -> list[Path]:
     """The file that is checked, what it says in JSON, and the figure, if it is proved."""
+    for name in FLOWPIPE_FILES:  # of an earlier question
+        (folder / name).unlink(missing_ok=True)
     if not pipe.proved:
         return []
     make_folder(folder)

@@ -15,7 +15,7 @@ from holdfast.maths.expressions.traversal import exact
 from holdfast_check import checker
 from tests.certified_systems import AHEAD, BOX, CART, LEFT, camera, cart, changed, view
 
-CHECKED = checker.checked
+CHECKED = checker.proved
 
 
 def written(folder, **options):
@@ -69,10 +69,10 @@ def test_what_is_not_checked_is_said_each_time_and_a_whole_check_is_kept(tmp_pat
         with pytest.warns(ModelWarning, match=rf"\d+ of {entries} entries of .* \(seed \d+\)"):
             hf.read_certificate(path, check=0.1)
     asked = []
-    monkeypatch.setattr(checker, "checked", lambda *a: asked.append(a) or CHECKED(*a))
+    monkeypatch.setattr(checker, "proved", lambda *a: asked.append(a) or CHECKED(*a))
     hf.read_certificate(path)
     hf.read_certificate(path, check=0.1)  # all of it was checked: nothing is left to say
-    assert asked == [(str(path), 1.0)]
+    assert asked == [(path.read_bytes(), 1.0)]
     later = written(tmp_path, horizon=0.5)[1]
     hf.read_certificate(later)
     assert len(asked) == 2
@@ -92,18 +92,33 @@ def test_a_checker_that_is_not_there_is_said(tmp_path, monkeypatch):
         hf.read_certificate(path)
 
 
-def test_a_file_that_changes_while_it_is_checked_is_refused(tmp_path, monkeypatch):
+def test_what_is_checked_is_what_was_read(tmp_path, monkeypatch):
+    """A file that is honest while it is checked alone."""
     _, path = written(tmp_path)
-    forged = changed(path, wider)
     honest = path.read_bytes()
+    forged = changed(path, wider)
+    content = forged.read_bytes()
 
     def replaced(*a):
         forged.write_bytes(honest)
-        return CHECKED(*a)
+        try:
+            return CHECKED(*a)
+        finally:
+            forged.write_bytes(content)
 
-    monkeypatch.setattr(checker, "checked", replaced)
-    with pytest.raises(OutputError, match="was written to while it was checked"):
-        hf.read_certificate(forged)
+    monkeypatch.setattr(checker, "proved", replaced)
+    for _ in range(2):
+        with pytest.raises(OutputError, match="is not valid"):
+            hf.read_certificate(forged)
+
+
+def test_a_check_leaves_the_numbers_of_others_and_needs_no_terminal(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(sys, "stderr", None)
+    _, path = written(tmp_path)
+    monkeypatch.setattr(checker.flint.ctx, "prec", 53)
+    hf.read_certificate(path)
+    assert checker.flint.ctx.prec == 53
 
 
 @pytest.mark.parametrize(

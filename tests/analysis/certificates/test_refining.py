@@ -359,7 +359,9 @@ def test_level_that_is_one_better_than_was_found_is_refused(tmp_path, name, own,
         rows["level"][one] = claimed
         return np.concatenate([rows[one], rows[~one]]).tobytes()
 
-    truth, lies = (Checker(*read(str(p))) for p in (path, changed(path, dict, entries=better)))
+    truth, lies = (
+        Checker(*read(p.read_bytes())) for p in (path, changed(path, dict, entries=better))
+    )
     flint.ctx.prec = BITS
     truth.entry(number, row[0, 1], own)
     with pytest.raises(NotValidError, match=f"cell {number} .* which is not kept"):

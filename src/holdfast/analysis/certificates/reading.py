@@ -61,13 +61,13 @@ def read_certificate(path: str | Path, *, check: float = 1.0) -> Certificate:
     if not 0 <= check <= 1:
         raise OutputError(f"check is {check}", expected="a share of the entries, 0 to 1")
     file = Path(path)
-    certificate, digest = unchecked(file)
-    check_content(file, digest, check)
+    certificate, content = unchecked(file)
+    check_content(file, content, check)
     return certificate
 
 
-def unchecked(file: Path) -> tuple[Certificate, str]:
-    """The certificate that a file says, and the digest of the file. Raises `OutputError`."""
+def unchecked(file: Path) -> tuple[Certificate, bytes]:
+    """The certificate that a file says, and its content. Raises `OutputError`."""
     try:
         if file.exists() and not file.is_file():
             raise OutputError(f"{file} is no file", expected="a certificate")
@@ -101,7 +101,7 @@ def unchecked(file: Path) -> tuple[Certificate, str]:
                 if unknown[0] in header else f"{file} {which}",
                 remedy="read it with the version that wrote it",
             )  # fmt: skip
-        return _certificate(header, packed), hashlib.sha256(raw).hexdigest()
+        return _certificate(header, packed), raw
     except OutputError:
         raise
     except HoldfastError as error:

@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import warnings
 from importlib import resources
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 
@@ -29,19 +30,16 @@ def part_of_checker(name: str) -> ModuleType:
         ) from error
 
 
-def check_content(file: Path, digest: str, share: float) -> None:
-    """Let the checker read a file with this digest, and warn of what it did not check.
+def check_content(file: Path, content: bytes, share: float) -> None:
+    """Let the checker read the content of a file, and warn of what it did not check.
 
     share: of its entries, drawn anew each time; 0 for none. That a whole file is valid is kept in
-    the cache, by the digest of the file and of the checker, so that it is asked once.
+    the cache, by the digest of the content and of the checker, so that it is asked once.
 
-    Raises `OutputError` for a file that is not valid, or that is written to meanwhile.
+    Raises `OutputError` for what is not valid.
     """
     if share == 0:
         return _warn(f"{file} was not checked: that its cells are kept is what it says")
-    verdicts = Stored("certificate", _digest_of_checker())
-    if verdicts.load(digest) is not None:
-        return None
     try:
         checker = part_of_checker("checker")
     except SimulationError as missing:
@@ -49,8 +47,14 @@ def check_content(file: Path, digest: str, share: float) -> None:
             f"{file} was not checked: that its cells are kept is what it says; {missing.cause}",
             missing.remedy,
         )
+    verdicts = Stored("certificate", _digest_of_checker())
+    digest = hashlib.sha256(content).hexdigest()
+    if verdicts.load(digest) is not None:
+        return None
+    numbers = checker.flint.ctx
+    bits = numbers.prec
     try:
-        verdict = checker.checked(str(file), share)
+        verdict = checker.proved(content, share)
     except checker.NotValidError as wrong:
         raise OutputError(
             f"{file} is not valid: {wrong}", remedy="certify again; nothing of it is proved"
@@ -59,8 +63,8 @@ def check_content(file: Path, digest: str, share: float) -> None:
         raise OutputError(
             f"{file} cannot be checked ({type(error).__name__}: {error!s:.200})"
         ) from error
-    if hashlib.sha256(file.read_bytes()).hexdigest() != digest:
-        raise OutputError(f"{file} was written to while it was checked", remedy="read it again")
+    finally:
+        numbers.prec = bits
     if not verdict["valid"]:
         return _warn(
             f"{verdict['checked']} of {verdict['entries']} entries of {file} were checked (seed "
@@ -76,7 +80,7 @@ def _warn(cause: str, remedy: str | None = None) -> None:
 
 def _digest_of_checker() -> str:
     """Of its source and of the version of its numbers, so that another one is asked anew."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(version("python-flint").encode())
     for path in sorted(Path(str(resources.files("holdfast_check"))).rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()

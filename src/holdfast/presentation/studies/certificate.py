@@ -150,20 +150,16 @@ def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
 
 def advice_text(advice: Advice) -> str:
     """Which numbers help, as they were tried one at a time."""
-    where = "on these cells"
-    if advice.coarser:
-        where = (
-            f"on {' x '.join(map(str, advice.cells))} cells, which have {_percent(advice.share)}"
-        )
-    if not advice.changes:
-        return (
-            f"  what helps     nothing alone {where}: sample times from a tenth to five times, "
-            "twice the\n                 cells and inputs gain less than 2 %"
-        )
-    first, *others = [f"{c.option}: {_percent(c.share)}" for c in advice.changes]
-    return "\n".join(
-        [f"  what helps     {first}, tried {where}", *(f"                 {c}" for c in others)]
-    )
+    lines = []
+    for change in advice.changes:
+        told = f"{change.option}: {_percent(change.share)}"
+        if change.cells is not None:
+            cells = " x ".join(map(str, change.cells))
+            told += f", tried on {cells} cells, which have {_percent(change.before)} without it"
+        lines.append(told)
+    if not lines:
+        lines = ["none of these alone, by 2 % or more:", *advice.tried]
+    return "\n".join(f"  {'' if k else 'what helps':<15}{line}" for k, line in enumerate(lines))
 
 
 def _percent(share: float) -> str:

@@ -151,7 +151,7 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
         "inner": spec.march.inner,
         "options": options,
         "promised": promised,
-        "certificate": _certificate(file, spec, system),
+        "certificate": _certificate(file, spec, system, about["region"]),
         "figures": spec.figures,
         "held": {n: state(n, v, f"figures.at.{n}") for n, v in spec.figures.at.items()},
         **about,
@@ -197,7 +197,9 @@ def _apart(file: str, spec: KernelSpec, units: Mapping[str, str]) -> Apart:
     )
 
 
-def _certificate(file: str, spec: KernelSpec, system: System) -> dict[str, Any]:
+def _certificate(
+    file: str, spec: KernelSpec, system: System, region: Region | None
+) -> dict[str, Any]:
     """The arguments of `hf.certify` that [certificate] has, in SI units."""
     asked = spec.certificate
     if asked is None:
@@ -215,7 +217,8 @@ def _certificate(file: str, spec: KernelSpec, system: System) -> dict[str, Any]:
         if (time := getattr(asked, n)) is not None
     }
     states = {q.name: q.unit for q in system.states}
-    parameters = {q.name: q.unit for q in system.parameters}
+    numbers = (*system.parameters, *(region.parameters if region is not None else ()))
+    parameters = {q.name: q.unit for q in numbers}
     if asked.uncertain is not None:
         arguments["uncertain"] = {
             n: tuple(number("uncertain", end, parameters, n) for end in ends)
