@@ -1,7 +1,7 @@
 """Every refusal of the checker, and every part of its condition, has a file that shows it.
 
 The checker is mutated: a refusal is gone, a part of its condition is dropped, a bound is moved by
-one. Files are forged by changing leaves of honest headers, and several at once. A mutant says
+one; so are conditions in functions that decide for it (`DECIDES`). Files are forged by changing leaves of honest headers, and several at once. A mutant says
 something else of one of them.
 """
 
@@ -71,6 +71,9 @@ def written(folder):
         "keep": hf.certify(system, ends, cells=10, **given),
         "late": hf.certify(system, ends, cells=40, delay=0.02, errors={"x": 0.001}, **given),
         "brief": hf.certify(system, ends, cells=10, horizon=0.6, **given),
+        "drift": hf.certify(
+            replace(system, rates={"x": 1 + U / 2 + D}), ends, cells=20, horizon=0.6, **given
+        ),
         "reach": hf.certify(system, ends, cells=20, target=near, horizon=8.0, **given),
         "halved": hf.certify(system, ends, cells=5, refine=2, **given),
         "whole": hf.certify(drawn, ends, cells=1, **{**given, "box": inner}),
@@ -180,6 +183,8 @@ def together(paths):
         ("keep", {"edges": [[*headers["keep"]["edges"][0][::-1]]]}),
         ("reach", {"holds": headers["reach"]["holds"] + 5}),
         ("turn", {"edges": [[*edges[:-1], H(3.0)]]}),
+        ("turn", {"rates": ["1000*d"]}),
+        ("turn", {"rates": ["10**14 + u + d*cos(th)"]}),
         *(
             ("slow", {"law": {**headers["slow"]["law"], "under_way": [[H(a), H(b)]]}})
             for a, b in ((1.0, 1.0), (1.0, -1.0))
@@ -278,8 +283,14 @@ def refuses(node):
     return isinstance(node, ast.Raise) and "Error(" in ast.unparse(node)
 
 
+DECIDES = ("_reached", "_cells", "_holds", "covered", "within")
+"""Functions of which the answers refuse: every condition in them counts."""
+
+
 def conditions(function):
     """Of refusals: what `if` asks, and what the names in that were set to."""
+    if function.name in DECIDES:
+        return [function]
     asked = [
         n.test for n in ast.walk(function) if isinstance(n, ast.If) and any(map(refuses, n.body))
     ]
@@ -292,6 +303,9 @@ def conditions(function):
         ):
             asked.append(node.value)
     return asked
+
+
+VALUES = (ast.List, ast.Tuple, ast.Constant)
 
 
 def others(function):
@@ -376,6 +390,13 @@ NO_FILE = {
     "level > FINEST with another": "bounds time alone",
     ">= 2 * arb.pi() with another": "no axis is a turn to the last bit",
     "a < b with another": "a width of 0 is followed too: it says the same",
+    "isfinite(low) and math.isfinite(high) without": "what is no number has neither end",
+    "turns and known without": "it says the same of what does not turn, and fails of no number",
+    "turns or still without still": "against rounding at the edge of the grid",
+    "high > axis[-1] with another": "no end is the edge of the grid to the last bit",
+    "places and known without places": "what is no number alone is in no place",
+    "< MOST_TURNED with another": "no end is that far to the last bit",
+    "< axis[-1] - axis[0] with another": "no width is a turn to the last bit",
     "s[0] > 0 with another": "a scale of 0 is refused or not: no weight tells inputs apart",
 }
 """Refusals and bounds that no file of a moderate size can show, and why."""
