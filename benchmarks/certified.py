@@ -102,9 +102,9 @@ def vehicle() -> hf.Certificate:
         for k in (0, 1):
             marks[k] |= {float(m) for m in wall[2 * k : 2 * k + 2]}
     return hf.certify(
-        car, square, target=goal, sample_time=0.3, inputs=7,
+        car, square, target=goal, sample_time=0.3, inputs={"v": 2, "steer": 7},
         box={"x": (0, 10), "y": (0, 10), "theta": (-np.pi, np.pi)},
-        cells={"x": edges(marks[0], 0.25), "y": edges(marks[1], 0.25), "theta": 36},
+        cells={"x": edges(marks[0], 0.2), "y": edges(marks[1], 0.2), "theta": 50},
     )  # fmt: skip
 
 
