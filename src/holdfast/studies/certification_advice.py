@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
+from holdfast.analysis.certificates.advice import Advice, Change
 from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.problem import INPUTS, counts_of
 from holdfast.errors import HoldfastError
@@ -24,29 +24,6 @@ TIMES = (0.5, 2, 0.2, 5, 0.1)
 """Sample times that are tried, as multiples of the one that was asked for, the nearest first."""
 
 
-@dataclass(frozen=True)
-class Change:
-    """One number changed alone.
-
-    option: of the command. share: that is certified with it, `before`: without it, on as many
-    `cells`; none where these are those of the option, or those that were asked for.
-    """
-
-    option: str
-    share: float
-    before: float
-    cells: tuple[int, ...] | None = None
-
-
-@dataclass(frozen=True)
-class Advice:
-    """tried: the options of all trials that ran. changes: the best of sample times, of cells and
-    of inputs, where they gain, the best one first."""
-
-    tried: tuple[str, ...]
-    changes: tuple[Change, ...]
-
-
 def what_helps(
     certificate: Certificate,
     scenario: str,
@@ -59,11 +36,11 @@ def what_helps(
     options: of `certified`, as they were asked for. None where enough is certified. A trial that is
     refused, such as of a sample time below the delay, counts as none.
     """
-    kept, names = certificate.kept, [name for name, _ in certificate.states]
-    if kept.share >= ENOUGH:
+    certified_share, names = certificate.kept.share, [name for name, _ in certificate.states]
+    if certified_share >= ENOUGH:
         return None
     loaded = check_kernel(load_scenario(scenario, overrides), scenario)
-    asked = tuple(count >> kept.depth for count in certificate.cells.counts)
+    asked = tuple(count >> certificate.kept.depth for count in certificate.cells.counts)
     total = math.prod(asked)
     coarser = max(1.0, (total / MOST_CELLS) ** (1 / len(asked)))
     cells = tuple(min(count, max(3, round(count / coarser))) for count in asked)
@@ -95,7 +72,7 @@ def what_helps(
             return None
 
     coarse = cells != asked
-    before = (share(on_cells) or 0.0) if coarse else kept.share
+    before = (share(on_cells) or 0.0) if coarse else certified_share
     ran, best = list[str](), list[Change]()
     for kind in kinds:
         shares = {option: share(change) for option, change in kind.items()}
@@ -105,7 +82,7 @@ def what_helps(
             option = max(done_ones, key=lambda name: round(done_ones[name], 3))
             value, on_asked = done_ones[option], not coarse or kind[option].keys() == {"cells"}
             best.append(
-                Change(option, value, kept.share)
+                Change(option, value, certified_share)
                 if on_asked
                 else Change(option, value, before, cells)
             )

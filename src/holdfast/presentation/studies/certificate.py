@@ -11,13 +11,13 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from holdfast.analysis.certificates.advice import Advice
 from holdfast.analysis.certificates.cells import Cells, Floats
 from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.law_keeps import LawJudgement
 from holdfast.analysis.certificates.outer_cells import OuterSet
 from holdfast.arguments import checked
 from holdfast.presentation.figures import style
-from holdfast.studies.certification_advice import Advice
 
 
 @checked
@@ -152,11 +152,11 @@ def advice_text(advice: Advice) -> str:
     """Which numbers help, as they were tried one at a time."""
     lines = []
     for change in advice.changes:
-        told = f"{change.option}: {_percent(change.share)}"
+        line = f"{change.option}: {_percent(change.share)}"
         if change.cells is not None:
             cells = " x ".join(map(str, change.cells))
-            told += f", tried on {cells} cells, which have {_percent(change.before)} without it"
-        lines.append(told)
+            line += f", tried on {cells} cells, which have {_percent(change.before)} without it"
+        lines.append(line)
     if not lines:
         lines = ["none of these alone, by 2 % or more:", *advice.tried]
     return "\n".join(f"  {'' if k else 'what helps':<15}{line}" for k, line in enumerate(lines))
