@@ -249,7 +249,7 @@ class Flowpipe:
         for option in self.law.modes[mode]:
             if option.program is not None or option.free:
                 raise NotValidError("a flowpipe has no law with a safeguard, or that is free")
-            when = self.models.values(Tape(option.when), seen | beside)
+            when = self.models.values(option.asks, seen | beside)
             signs = [self.models.range(v) for v in when]
             if not any(v[0] > ZERO for v in signs):
                 choices.append((self._with(x, option, tables, beside), option.to))
@@ -264,7 +264,7 @@ class Flowpipe:
     ) -> States:
         """u = k(x): of p a polynomial, of what it leaves out by the slopes of k."""
         n, inputs = len(self.box), len(self.inputs)
-        tape, exact = Tape(option.given), self.at(x, [NONE] * len(self.box))
+        tape, exact = option.gives, self.at(x, [NONE] * len(self.box))
         values = self.models.values(tape, exact | beside)
         one = [{name: point(1)} for name in self.carried[:n]]
         columns = tape.slopes(tape.values(tables), one)

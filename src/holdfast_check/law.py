@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -71,6 +72,16 @@ class Option:
         if p and self.free:
             raise NotValidError("the program of a safeguard uses the inputs that it gives")
         self.expressions = [*self.when, *given, *(p["limits"] if p else [])]
+
+    @functools.cached_property
+    def asks(self) -> Tape:
+        """The conditions alone."""
+        return Tape(self.when)
+
+    @functools.cached_property
+    def gives(self) -> Tape:
+        """What is given alone."""
+        return Tape(self.given)
 
     def values(self, row: Row) -> safeguard.Values:
         """Those of its program, from the numbers of its expressions."""

@@ -7,13 +7,11 @@ something else of one of them.
 
 import ast
 import copy
-import importlib
 import itertools
 import json
 import math
 import re
 import signal
-import sys
 from collections import Counter
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,10 +22,10 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast_check import checker
+from tests.analysis.certificates.mutants import SOURCE, beside, others, replaced
 from tests.certified_systems import changed
 from tests.laws_to_judge import slider, thermostat
 
-SOURCE = Path(checker.__file__).parent
 H = float.hex
 X, TH, U, D = (hf.symbol(n) for n in ("x", "th", "u", "d"))
 
@@ -260,9 +258,6 @@ def limited(seconds=20):
         signal.signal(signal.SIGALRM, before)
 
 
-MOVED = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
-
-
 def mutants():
     """(name, file, line, changed source): without a refusal, or with another condition of one."""
     for file in sorted(SOURCE.glob("*.py")):
@@ -274,7 +269,7 @@ def mutants():
                 if refuses(node):
                     name = f"{file.name} {function.name} {node.lineno}: {ast.unparse(node)}"
                     yield name, file, node.lineno, replaced(tree, node, ast.Pass())
-            for node, other, what in others(function):
+            for node, other, what in others(conditions(function)):
                 name = f"{file.name} {function.name}: {what}"
                 yield name, file, node.lineno, replaced(tree, node, other)
 
@@ -303,58 +298,6 @@ def conditions(function):
         ):
             asked.append(node.value)
     return asked
-
-
-VALUES = (ast.List, ast.Tuple, ast.Constant)
-
-
-def others(function):
-    """(node, other node, what is other) of the conditions of refusals."""
-    for node in itertools.chain(*map(ast.walk, conditions(function))):
-        if isinstance(node, ast.BoolOp) and not isinstance(
-            node.values[-1], ast.List | ast.Constant
-        ):
-            for k, part in enumerate(node.values):
-                rest = [v for j, v in enumerate(node.values) if j != k]
-                other = rest[0] if len(rest) == 1 else ast.BoolOp(node.op, rest)
-                yield node, other, f"{ast.unparse(node)} without {ast.unparse(part)}"
-        if isinstance(node, ast.Compare):
-            sides = [node.left, *node.comparators]
-            links = [ast.Compare(sides[k], [op], [sides[k + 1]]) for k, op in enumerate(node.ops)]
-            for k, op in enumerate(node.ops):
-                says = f"{ast.unparse(node)} with another link {k}"
-                rest = links[:k] + links[k + 1 :]
-                if rest:
-                    other = rest[0] if len(rest) == 1 else ast.BoolOp(ast.And(), rest)
-                    yield node, other, f"{ast.unparse(node)} without link {k}"
-                if type(op) in MOVED:
-                    ops = [*node.ops[:k], MOVED[type(op)](), *node.ops[k + 1 :]]
-                    yield node, ast.Compare(node.left, ops, node.comparators), says
-
-
-def replaced(tree, node, other):
-    """The source of a tree with another node in place of one."""
-
-    class Exchange(ast.NodeTransformer):
-        def visit(self, part):
-            return other if part is node else self.generic_visit(part)
-
-    fresh, place = copy.deepcopy(tree), [*ast.walk(tree)].index(node)
-    node = [*ast.walk(fresh)][place]
-    return ast.unparse(ast.fix_missing_locations(Exchange().visit(fresh)))
-
-
-def mutated(folder, number, file, source):
-    """The check of a checker with another source of one file, beside the true one."""
-    name = f"mutant{number}"
-    (folder / name).mkdir()
-    for path in SOURCE.glob("*.py"):
-        text = source if path == file else path.read_text(encoding="utf-8")
-        (folder / name / path.name).write_text(text.replace("holdfast_check", name))
-    found = importlib.import_module(f"{name}.checker").check
-    for module in [m for m in sys.modules if m.split(".")[0] == name]:
-        del sys.modules[module]
-    return found
 
 
 ELSEWHERE = {
@@ -427,7 +370,7 @@ def test_every_refusal_has_a_file_that_passes_without_it(tmp_path, monkeypatch):
     assert refused > 10_000
     alive = []
     for number, (name, file, line, source) in enumerate(mutants()):
-        check = mutated(tmp_path, number, file, source)
+        check = beside(tmp_path, number, file, source).check
         near = sorted(files, key=lambda f: (f[2][0] != file.name, abs(f[2][1] - line)))
         if all(outcome(check, path)[0] == said for path, said, _ in near):
             alive.append(name)
