@@ -6,13 +6,20 @@ writes `benchmarks/flowpipes.json`. Problems of the ARCH competition (nonlinear 
 
 * van-der-pol: x' = y, y' = (1 - x^2) y - x from [1.25, 1.55] x [2.35, 2.45] has y <= 2.75 for 7 s.
 * lotka-volterra: x' = 3 x - 3 x y, y' = x y - y from 1.3 +- 0.012, 1 ends after 3.64 s in a box;
-  the guard of the original is left out, and with it the time that is spent inside a circle.
+  `lotka-volterra-guard` is that of 2020: from 1.3 +- 0.008 it is within 0.15 of (1, 1), which it
+  touches, for 0.2 s at most. Time is counted there by a rate that rises from 0 to 1 across the
+  circle, which is 1 all over it. That of later years counts crossings, which no region says.
 * robertson: x' = -0.4 x + 100 y z, z' = 1000 y^2, y' = -x' - z' from (1, 0, 0) keeps
   |x + y + z - 1| small for 40 s (the least stiff of three).
 * docking: a spacecraft approaches from 25 m about (-900, -400) m with one gain until x = -100 m,
-  then with another: after that it stays in a cone and below 3.3 m/min, until 200 min. The switch is
-  that of the original, at x = -100 m exactly: `docking-far` proves that all pass it within a box of
-  y and velocities, and `docking-near` that all from this box at x = -100 m do what is asked.
+  then with another: after that it stays in a cone and below 3.3 m/min; after 120 min it drifts, and
+  comes nowhere near its target until 200 min. The switch is that of the original, at x = -100 m
+  exactly: none pass it before 108 min (`docking-before`), all do by 112 min, in a set of y and
+  velocities (`docking-far`). From a box around that set `docking-near` keeps cone and speed, and
+  `docking-abort` is, 8 to 12 min later, in a box of x, y and velocities beside those that lead to
+  the target; from there `docking-drift` stays 1 m off the target, whose box has sides of 0.2 m.
+* unicycle: a car, steered by a network of 500 neurons (`unicycle_network.json`) at samples of
+  0.2 s while its acceleration is off by up to 1e-4 at any instant, is at its goal after 10 s.
 
 Seconds are those of this machine.
 """
@@ -37,11 +44,21 @@ from holdfast.maths.expressions.functions import greatest, least, magnitude
 from holdfast_check.checker import checked
 
 RECORD = Path(__file__).with_suffix(".json")
+NETWORK = Path(__file__).with_name("unicycle_network.json")
+FIRST = {"x": (-925, -875), "y": (-425, -375), "vx": (0, 0), "vy": (0, 0)}
 MU, RADIUS, MASS = 3.986e14 * 60**2, 42164e3, 500.0
 FAR = [[-28.8287, 0.1005, -1449.9754, 0.0046], [-0.087, -33.2562, 0.00462, -1451.5013]]
 NEAR = [[-288.0288, 0.1312, -9614.9898, 0.0], [-0.1312, -288.0, 0.0, -9614.9883]]
-PASSING = {"y": (-35.0, -26.0), "vx": (1.8, 2.05), "vy": (0.6, 0.85)}
-x, y, z, vx, vy = map(hf.symbol, ("x", "y", "z", "vx", "vy"))
+PASSING = {"y": (-35.0, -28.5), "vx": (1.99, 2.01), "vy": (0.64, 0.82)}
+"""A box of all that pass x = -100 m."""
+ALONG, ASIDE, LATER = 0.02, 0.0231, 0.03
+"""Velocities are near -k (x, y): these k of x and of y where x is -100 m, and of both later."""
+OFF = 0.01
+"""By how much they are off that [m/min]."""
+ABORTED = {"x": (-79.5, -69.0), "y": (-28.5, -19.5), "sx": (-OFF, OFF), "sy": (-OFF, OFF)}
+"""Where they drift from, sx = vx + k x, sy = vy + k y."""
+x, y, z, vx, vy, sx, sy = map(hf.symbol, ("x", "y", "z", "vx", "vy", "sx", "sy"))
+THETA, V, COUNT, LATE = map(hf.symbol, ("theta", "v", "count", "late"))
 
 
 def system(name: str, rates: dict[str, Any]) -> hf.System:
@@ -77,6 +94,15 @@ def lotka_volterra() -> hf.Flowpipe:
     return hf.flowpipe(of, region(of, x - 2, y - 2), start=start, horizon=3.64)
 
 
+def lotka_volterra_guard() -> hf.Flowpipe:
+    within = 0.15**2 - (x - 1) ** 2 - (y - 1) ** 2
+    of = system("lotka-volterra", {
+        "x": 3 * x - 3 * x * y, "y": x * y - y, "count": greatest(0, least(1, 1 + 3000 * within)),
+    })  # fmt: skip
+    start = {"x": (1.292, 1.308), "y": (1.0, 1.0), "count": (0.0, 0.0)}
+    return hf.flowpipe(of, region(of, COUNT - 0.2), start=start, horizon=3.64, tolerance=1e-4)
+
+
 def robertson() -> hf.Flowpipe:
     first, last = -0.4 * x + 100 * y * z, 1000 * y**2
     of = system("robertson", {"x": first, "y": -first - last, "z": last})
@@ -86,15 +112,26 @@ def robertson() -> hf.Flowpipe:
     )  # fmt: skip
 
 
+def between(e: Any, low: float, high: float) -> list[Any]:
+    return [low - e, e - high]
+
+
+def docking_before() -> hf.Flowpipe:
+    of = spacecraft("far", FAR)
+    return hf.flowpipe(
+        of, region(of, x + 100), start=FIRST, horizon=108, degrees=(1, 6), tolerance=0.01
+    )
+
+
 def docking_far() -> hf.Flowpipe:
     of = spacecraft("far", FAR)
-    beside = [
-        e for s in (y, vx, vy) for low, high in [PASSING[s.name]] for e in (low - s, s - high)
-    ]
+    passing = [
+        *between(y - 0.32 * (x + 100), *PASSING["y"]),
+        *between(vx + ALONG * x, -OFF, OFF), *between(vy + ASIDE * y, -OFF, OFF),
+    ]  # fmt: skip
     return hf.flowpipe(
-        of, region(of, least(x + 100, reduce(greatest, beside))), target=region(of, -x - 100),
-        start={"x": (-925, -875), "y": (-425, -375), "vx": (0, 0), "vy": (0, 0)}, horizon=112,
-        degrees=(1, 6), tolerance=1e-3,
+        of, region(of, least(x + 100, reduce(greatest, passing))), target=region(of, -x - 100),
+        start=FIRST, horizon=112, degrees=(1, 6), tolerance=0.01,
     )  # fmt: skip
 
 
@@ -107,13 +144,81 @@ def docking_near() -> hf.Flowpipe:
     cone = [-100 - x, slope * x - y, slope * x + y]
     return hf.flowpipe(
         of, region(of, *slow, *cone), start={"x": (-100, -100), **PASSING}, horizon=92,
-        degrees=(1, 6), tolerance=1e-3,
+        degrees=(1, 6), tolerance=0.01,
+    )  # fmt: skip
+
+
+def beside(name: str, gains: list[list[float]], kx: float, ky: float, times: Any = 1) -> hf.System:
+    """The spacecraft with sx = vx + kx x and sy = vy + ky y in place of its velocities."""
+    of = spacecraft(name, gains)
+    velocities = {vx: sx - kx * x, vy: sy - ky * y}
+    rates = {n: times * sp.sympify(e).subs(velocities) for n, e in of.rates.items()}
+    rates = {
+        "x": rates["x"], "y": rates["y"],
+        "sx": rates["vx"] + kx * rates["x"], "sy": rates["vy"] + ky * rates["y"],
+    }  # fmt: skip
+    states = tuple(hf.Quantity(n, "") for n in rates)
+    late = () if times == 1 else (hf.Parameter("late", "min", value=10.0),)
+    return hf.System(name, states, (), rates, parameters=late)
+
+
+def docking_abort() -> hf.Flowpipe:
+    """Time is in parts of `late`, from x = -100 m to the abort."""
+    of = beside("near", NEAR, ALONG, ASIDE, LATE)
+    at_abort = {
+        "x": x, "y": y, "sx": sx - ALONG * x + LATER * x, "sy": sy - ASIDE * y + LATER * y,
+    }  # fmt: skip
+    ends = [e for n, value in at_abort.items() for e in between(value, *ABORTED[n])]
+    start = {"x": (-100, -100), "y": PASSING["y"], "sx": (-OFF, OFF), "sy": (-OFF, OFF)}
+    return hf.flowpipe(
+        of, region(of, x), target=region(of, *ends), start=start, horizon=1,
+        uncertain={"late": (8, 12)}, degrees=(1, 6), tolerance=0.01,
+    )  # fmt: skip
+
+
+def docking_drift() -> hf.Flowpipe:
+    of = beside("drifting", [[0.0] * 4] * 2, LATER, LATER)
+    near = reduce(least, (1 + x, 1 - x, 1 + y, 1 - y))
+    return hf.flowpipe(
+        of, region(of, near), start=ABORTED, horizon=80, degrees=(1, 6), tolerance=0.01
+    )
+
+
+def unicycle() -> hf.Flowpipe:
+    units = {"x": "m", "y": "m", "theta": "rad", "v": "m/s", "u1": "m/s^2", "u2": "rad/s"}
+    *states, u1, u2 = (hf.Quantity(name, unit) for name, unit in units.items())
+    w = hf.Quantity("w", "m/s^2")
+    rates = {"x": V * sp.cos(THETA), "y": V * sp.sin(THETA)}
+    of = hf.System(
+        "unicycle", tuple(states), (u1, u2),
+        {**rates, "theta": u2.symbol, "v": u1.symbol + w.symbol},
+        disturbances=(w,), disturbance_bounds=hf.Box((-1e-4,), (1e-4,)),
+    )  # fmt: skip
+    network = json.loads(NETWORK.read_text())
+
+    def layer(rows: list[list[float]], values: Any) -> list[Any]:
+        return [
+            greatest(0, sp.Add(*(a * q for a, q in zip(r, values, strict=False)), r[-1]))
+            for r in rows
+        ]
+
+    hidden = layer(network["hidden"], [q.symbol for q in states])
+    turn = [e - 20 for e in layer(network["outputs"], hidden)]
+    law = hf.Law("network", of.states, dict(zip(("u1", "u2"), turn, strict=True)))
+    goal = {x: 0.6, y: 0.2, THETA: 0.06, V: 0.3}
+    there = [e for q, most in goal.items() for e in between(q, -most, most)]
+    start = {"x": (9.5, 9.55), "y": (-4.5, -4.45), "theta": (2.1, 2.11), "v": (1.5, 1.51)}
+    return hf.flowpipe(
+        of, region(of, x - 20), target=region(of, *there), start=start, horizon=10, law=law,
+        sample_time=0.2, degrees=(1, 4), tolerance=1e-3, parts=64,
     )  # fmt: skip
 
 
 PROBLEMS = {
-    "van-der-pol": van_der_pol, "lotka-volterra": lotka_volterra, "robertson": robertson,
-    "docking-far": docking_far, "docking-near": docking_near,
+    "van-der-pol": van_der_pol, "lotka-volterra": lotka_volterra,
+    "lotka-volterra-guard": lotka_volterra_guard, "robertson": robertson,
+    "docking-before": docking_before, "docking-far": docking_far, "docking-near": docking_near,
+    "docking-abort": docking_abort, "docking-drift": docking_drift, "unicycle": unicycle,
 }  # fmt: skip
 
 

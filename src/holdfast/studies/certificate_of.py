@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from holdfast.analysis.certificates.certificate import Certificate
+from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certified_law import cell_table, check_fits
+from holdfast.analysis.certificates.flowpipe import read_statement, statement
 from holdfast.analysis.certificates.law_of_cases import law_of_cases
 from holdfast.analysis.certificates.law_written import written
 from holdfast.analysis.certificates.problem import ROUNDED, parameters_of, parts_of
@@ -24,7 +26,7 @@ from holdfast.scenario.certificate import check_goal, check_region
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
-from holdfast.studies.law_certification import without_bounds
+from holdfast.studies.law_certification import question, without_bounds
 
 
 def check_of_scenario(certificate: str | Path, scenario: str) -> None:
@@ -33,12 +35,16 @@ def check_of_scenario(certificate: str | Path, scenario: str) -> None:
     Its states, inputs and rates have to be those of the scenario, numbers and disturbances within
     its ranges, the constraints of the region and of the goal proved, for as long as the scenario
     lasts where it stays; of a closed loop the sample time, a delay and noise that are no larger,
-    and the law. What it proves of its cells `holdfast-check` says.
+    and the law. A flowpipe is of a closed loop, and at least as long. What it proves of its cells,
+    or of its box, `holdfast-check` says.
 
     Raises `ScenarioError` or `DefinitionError` that name the first thing that is another, and what
     reading the two files raises.
     """
-    (proved, _), asked = unchecked(Path(certificate)), load_scenario(scenario)
+    file, asked = Path(certificate), load_scenario(scenario)
+    if (proved_of_box := read_statement(file)) is not None:
+        return _check_flowpipe(proved_of_box, asked, scenario)
+    proved, _ = unchecked(file)
     if not isinstance(asked, KernelScenario | Scenario):
         raise ScenarioError(
             f"'{scenario}' is no scenario that is certified", expected="a kernel or a closed loop"
@@ -63,6 +69,62 @@ def check_of_scenario(certificate: str | Path, scenario: str) -> None:
             f"the certificate is for {holds * proved.hold:g} s",
             expected="for ever" if lasts == math.inf else f"{lasts:g} s at least",
         )
+
+
+def _check_flowpipe(proved: Mapping[str, Any], asked: Any, scenario: str) -> None:
+    """Raise unless a flowpipe is of a closed loop, whatever box it is from."""
+    if not isinstance(asked, Scenario) or asked.region is None:
+        raise ScenarioError(
+            f"'{scenario}' has no law, or no region", expected="the closed loop of the flowpipe"
+        )
+    ranges = {
+        q["name"]: _numbers(q["range"]) for q in (*proved["disturbances"], *proved["parameters"])
+    }
+    errors = dict(zip(asked.system.state_names, map(float.fromhex, proved["errors"]), strict=False))
+    posed = question(asked, bool(proved["target"]))
+    names = {p.name for p in parameters_of(asked.system, ()).values()}
+    uncertain = {n: q for n, q in ranges.items() if n in names}
+    start = dict.fromkeys(asked.system.state_names, (0.0, 0.0))
+    wanted = statement(**posed, start=start, uncertain=uncertain)
+    for key in ("states", "inputs", "rates", "constraints", "target", "law"):
+        if proved[key] != wanted[key]:
+            raise ScenarioError(
+                f"its {key} are others: {_briefly(proved[key])}", expected=_briefly(wanted[key])
+            )
+    for quantity in (*wanted["disturbances"], *wanted["parameters"]):
+        name, (low, high) = quantity["name"], _numbers(quantity["range"])
+        p = parameters_of(asked.system, ()).get(name)
+        low, high = (low, high) if p is None else (p.value, p.value)
+        least, most = ranges.get(name, (math.inf, -math.inf))
+        if not (least <= low and high <= most):
+            raise ScenarioError(
+                f"'{name}' is from {least:g} to {most:g} in it", expected=f"{low:g} to {high:g}"
+            )
+    for name, size in posed["errors"].items():
+        if size > errors.get(name, 0.0):
+            raise ScenarioError(
+                f"'{name}' is measured within {errors.get(name, 0.0):g} in it",
+                expected=f"{size:g} at least",
+            )
+    hold, holds = float.fromhex(proved["hold"]), proved["holds"]
+    if wanted["inputs"] and hold != posed["sample_time"]:
+        raise ScenarioError(
+            f"inputs are held for {hold:g} s in it", expected=f"{posed['sample_time']:g} s"
+        )
+    if hold * holds < posed["horizon"] - ROUNDED:
+        raise ScenarioError(
+            f"it is for {hold * holds:g} s", expected=f"{posed['horizon']:g} s at least"
+        )
+
+
+def _numbers(ends: Sequence[str]) -> Range:
+    low, high = map(float.fromhex, ends)
+    return low, high
+
+
+def _briefly(said: Any) -> str:
+    text = json.dumps(said)
+    return text if len(text) <= 200 else text[:200] + " ..."
 
 
 def _check_goal(proved: Certificate, goal: Region | None, *, must: bool) -> None:

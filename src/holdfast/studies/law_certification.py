@@ -86,31 +86,43 @@ def flowpipe_of(
     scenario of another kind, without a region or goal, with a delay or noise without bounds.
     """
     loaded = _closed_loop(scenario, overrides)
-    assert loaded.region is not None
+    with at(loaded.file, "law"):
+        return flowpipe(
+            **question(loaded, to_goal, horizon, sample_time, errors),
+            start=start,
+            uncertain=uncertain,
+            progress=progress,
+        )
+
+
+def question(
+    loaded: Scenario,
+    to_goal: bool,
+    horizon: float | None = None,
+    sample_time: float | None = None,
+    errors: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
+    """What a closed loop asks of `hf.flowpipe`, but for the box. Raises as `flowpipe_of` does."""
     run: Mapping[str, Any] = loaded.settings
     if run.get("delay") or run.get("noise_normal"):
         raise ScenarioError(
-            f"'{scenario}' has a delay, or noise without bounds",
+            f"'{loaded.name}' has a delay, or noise without bounds",
             expected="run.delay = 0 and no run.noise_normal",
         )
     if to_goal and loaded.goal is None:
-        raise ScenarioError(f"'{scenario}' has no goal", remedy="add a [goal]")
+        raise ScenarioError(f"'{loaded.name}' has no goal", remedy="add a [goal]")
     if sample_time is None and not run.get("continuous"):
         sample_time = float(run["sample_time"])
-    with at(loaded.file, "law"):
-        return flowpipe(
-            loaded.system,
-            loaded.region,
-            start=start,
-            horizon=float(run["horizon"]) if horizon is None else horizon,
-            law=loaded.kept().law,
-            sample_time=sample_time,
-            target=loaded.goal if to_goal else None,
-            uncertain=uncertain,
-            disturbance=without_bounds(loaded),
-            errors={**dict(run.get("noise_uniform") or {}), **dict(errors or {})},
-            progress=progress,
-        )
+    return {
+        "system": loaded.system,
+        "region": loaded.region,
+        "horizon": float(run["horizon"]) if horizon is None else horizon,
+        "law": loaded.kept().law,
+        "sample_time": sample_time,
+        "target": loaded.goal if to_goal else None,
+        "disturbance": without_bounds(loaded),
+        "errors": {**dict(run.get("noise_uniform") or {}), **dict(errors or {})},
+    }
 
 
 FLOWPIPE_FILES = ("flowpipe.holdfast", "flowpipe.json", "flowpipe.png", "flowpipe.svg")

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import zlib
 from pathlib import Path
 
@@ -13,8 +14,10 @@ from scipy.integrate import solve_ivp
 
 import holdfast as hf
 from holdfast.commands.certify import command
-from holdfast.errors import OutputError, SimulationError
+from holdfast.errors import HoldfastError, OutputError, SimulationError
 from holdfast.maths.expressions.functions import angle, greatest, least, length, wrap
+from holdfast.studies.certificate_of import check_of_scenario
+from holdfast.studies.law_certification import flowpipe_of
 from holdfast_check.checker import checked
 from holdfast_check.reading import NotValidError
 from tests.certified_systems import changed
@@ -417,6 +420,41 @@ def test_command_from_a_box(tmp_path, monkeypatch):
         told = CliRunner().invoke(command, ["fairway.toml", *box, *more, "--no-figures"])
         assert told.exit_code == 1
         assert says in told.output + str(told.exception)
+
+
+def test_flowpipe_is_of_the_closed_loop_that_it_is_of(tmp_path):
+    """`holdfast-check --expect`: what is narrower and shorter is proved too, all else is another."""
+    file = tmp_path / "fairway.toml"
+    file.write_text(FAIRWAY, encoding="utf-8")
+    pipe = flowpipe_of(str(file), start={"y": (2, 2.5), "psi": (-0.1, 0.1)}, horizon=5)
+    path = pipe.write(tmp_path / "a.holdfast")
+    for change, other, says in (
+        ("horizon = 60", "horizon = 5", ""),
+        ("horizon = 60", "horizon = 4", ""),
+        ("horizon = 60", "horizon = 6", "it is for 5 s"),
+        ("[-0.2, 0.2]", "[-0.1, 0.2]", ""),
+        ("[-0.2, 0.2]", "[-0.3, 0.2]", "'w' is from -0.2 to 0.2 in it"),
+        ("0.6*psi", "0.5*psi", "its law are others"),
+        ("1.5*sin(psi)", "1.4*sin(psi)", "its rates are others"),
+        ("y - 5", "y - 4", "its constraints are others"),
+        ("sample_time = 0.5", "sample_time = 0.25", "inputs are held for 0.5 s in it"),
+        (
+            "sample_time = 0.5",
+            "sample_time = 0.5\n[noise]\nuniform = { y = 0.1 }",
+            "measured within 0",
+        ),
+        ("sample_time = 0.5", "sample_time = 0.5\ndelay = 0.5", "has a delay"),
+    ):
+        short = FAIRWAY.replace("horizon = 60", "horizon = 5")
+        text = (FAIRWAY if "horizon" in change else short).replace(change, other)
+        file.write_text(text, encoding="utf-8")
+        if not says:
+            check_of_scenario(path, str(file))
+            continue
+        with pytest.raises(HoldfastError, match=re.escape(says)):
+            check_of_scenario(path, str(file))
+    with pytest.raises(HoldfastError, match="has no law"):
+        check_of_scenario(path, "seen-target")
 
 
 def test_cart_of_the_page_keeps_its_walls():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import zlib
 from collections.abc import Callable, Mapping
@@ -149,16 +150,48 @@ def flowpipe(
     depends on time, and without python-flint; `DefinitionError` for functions without a proved
     enclosure and for a law that does not fit the system.
     """
-    regions = (region, target) if target is not None else (region,)
-    ranges = ranges_of(system, regions, dict(uncertain or {}), dict(disturbance or {}))
-    box = _start(system, start)
-    holds, hold = _holds(horizon, sample_time)
     sizes = len(degrees) == 2 and all(1 <= d <= 12 for d in degrees)
     if not (tolerance > 0 and parts >= 1 and sizes):
         raise SimulationError(
             f"tolerance {tolerance:g}, parts {parts}, degrees {degrees}",
             expected="a tolerance above 0, parts from 1 on, two degrees from 1 to 12",
         )
+    header = statement(
+        system, region, start=start, horizon=horizon, law=law, sample_time=sample_time,
+        target=target, uncertain=uncertain, disturbance=disturbance, errors=errors, degrees=degrees,
+    )  # fmt: skip
+    search = Search(header, tolerance, parts)
+    proved, why = True, ""
+    if search.pipe.wide:
+        proved, why = Search(_middle(header), tolerance, 1).run()
+    if proved:
+        proved, why = search.run(lambda part: Search(_middle(header, part), tolerance, 1), progress)
+    times, low, high = search.boxes
+    return Flowpipe(
+        header, proved, why, tuple(search.splits), bytes(search.levels), times, low, high,
+        search.ends if proved else {},
+    )  # fmt: skip
+
+
+def statement(
+    system: System,
+    region: Region,
+    *,
+    start: Mapping[str, Range],
+    horizon: float,
+    law: Law | Switching | None = None,
+    sample_time: float | None = None,
+    target: Region | None = None,
+    uncertain: Mapping[str, Range] | None = None,
+    disturbance: Mapping[str, float] | None = None,
+    errors: Mapping[str, float] | None = None,
+    degrees: tuple[int, int] = DEGREES,
+) -> dict[str, Any]:
+    """What the file of such a flowpipe says is proved, but for its parts and steps."""
+    regions = (region, target) if target is not None else (region,)
+    ranges = ranges_of(system, regions, dict(uncertain or {}), dict(disturbance or {}))
+    box = _start(system, start)
+    holds, hold = _holds(horizon, sample_time)
     if sample_time is None and any((errors or {}).values()):
         raise SimulationError(
             "errors of measurement without samples",
@@ -182,7 +215,7 @@ def flowpipe(
     used = symbols_of(expressions)
     counted = [p for p in parameters.values() if p.symbol in used]
     title = f"{system.name} in {region.name}" + (f" to {target.name}" if target else "")
-    header = {
+    return {
         "title": title + (f", by {law.name}" if law else ""),
         "states": named([(q.name, q.unit) for q in system.states]),
         "inputs": named([(q.name, q.unit) for q in inputs]),
@@ -198,17 +231,21 @@ def flowpipe(
         "start": [[v.hex() for v in box[q.name]] for q in system.states],
         "degrees": list(degrees),
     }
-    search = Search(header, tolerance, parts)
-    proved, why = True, ""
-    if search.pipe.wide:
-        proved, why = Search(_middle(header), tolerance, 1).run()
-    if proved:
-        proved, why = search.run(lambda part: Search(_middle(header, part), tolerance, 1), progress)
-    times, low, high = search.boxes
-    return Flowpipe(
-        header, proved, why, tuple(search.splits), bytes(search.levels), times, low, high,
-        search.ends if proved else {},
-    )  # fmt: skip
+
+
+def read_statement(file: Path) -> dict[str, Any] | None:
+    """What the file of a flowpipe says is proved; None for a file of something else.
+
+    That it is proved `holdfast-check` says. Raises `OutputError` for one that cannot be read.
+    """
+    try:
+        first, text, *_ = (*file.read_bytes().split(b"\n", 2), b"")
+        if not first.startswith(MAGIC.encode() + b" "):
+            return None
+        header: dict[str, Any] = json.loads(text)
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{file} cannot be read ({error})") from None
+    return header
 
 
 def _start(system: System, start: Mapping[str, Range]) -> dict[str, Range]:
