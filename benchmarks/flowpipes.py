@@ -144,7 +144,7 @@ def docking_near() -> hf.Flowpipe:
     cone = [-100 - x, slope * x - y, slope * x + y]
     return hf.flowpipe(
         of, region(of, *slow, *cone), start={"x": (-100, -100), **PASSING}, horizon=92,
-        degrees=(1, 6), tolerance=0.01,
+        degrees=(1, 6), tolerance=1e-3,
     )  # fmt: skip
 
 
