@@ -12,12 +12,13 @@ writes `benchmarks/flowpipes.json`. Problems of the ARCH competition (nonlinear 
 * robertson: x' = -0.4 x + 100 y z, z' = 1000 y^2, y' = -x' - z' from (1, 0, 0) keeps
   |x + y + z - 1| small for 40 s (the least stiff of three).
 * docking: a spacecraft approaches from 25 m about (-900, -400) m with one gain until x = -100 m,
-  then with another: after that it stays in a cone and below 3.3 m/min; after 120 min it drifts, and
-  comes nowhere near its target until 200 min. The switch is that of the original, at x = -100 m
-  exactly: none pass it before 108 min (`docking-before`), all do by 112 min, in a set of y and
-  velocities (`docking-far`). From a box around that set `docking-near` keeps cone and speed, and
-  `docking-abort` is, 8 to 12 min later, in a box of x, y and velocities beside those that lead to
-  the target; from there `docking-drift` stays 1 m off the target, whose box has sides of 0.2 m.
+  then with another: after that it stays in a cone and below 3.3 m/min until 200 min; at some time
+  from 120 to 150 min it drifts, and comes nowhere near its target. The switch is that of the
+  original, at x = -100 m exactly: none pass it before 108 min (`docking-before`), all do by 112
+  min, in a set of y and velocities (`docking-far`). From a box around that set `docking-near` keeps
+  cone and speed. 8 min later all are in a box (`docking-braked`), and for 34 min more near a ray
+  that leads past the target (`docking-abort`): whenever one drifts from there, it stays 1 m off the
+  target for 80 min (`docking-drift`), whose box has sides of 0.2 m.
 * unicycle: a car, steered by a network of 500 neurons (`unicycle_network.json`) at samples of
   0.2 s while its acceleration is off by up to 1e-4 at any instant, is at its goal after 10 s.
 
@@ -55,10 +56,19 @@ ALONG, ASIDE, LATER = 0.02, 0.0231, 0.03
 """Velocities are near -k (x, y): these k of x and of y where x is -100 m, and of both later."""
 OFF = 0.01
 """By how much they are off that [m/min]."""
-ABORTED = {"x": (-79.5, -69.0), "y": (-28.5, -19.5), "sx": (-OFF, OFF), "sy": (-OFF, OFF)}
-"""Where they drift from, sx = vx + k x, sy = vy + k y."""
-x, y, z, vx, vy, sx, sy = map(hf.symbol, ("x", "y", "z", "vx", "vy", "sx", "sy"))
-THETA, V, COUNT, LATE = map(hf.symbol, ("theta", "v", "count", "late"))
+BRAKED = {"x": (-79.5, -77.5), "q": (-28.0, -22.0), "sx": (-OFF, OFF), "sy": (-OFF, OFF)}
+"""Where all are 8 min after they pass x = -100 m: q = y, sx = vx + k x, sy = vy + k y."""
+SLOPE, ASKEW = 0.32, 0.06
+"""y / x afterwards, and by how much it is off."""
+ABORTED = {
+    "x": (-80.0, -27.0),
+    "q": (-80 * ASKEW, 80 * ASKEW),
+    "sx": (-OFF, OFF),
+    "sy": (-OFF, OFF),
+}
+"""Where they drift from, q = y - SLOPE x."""
+x, y, z, vx, vy, q, sx, sy = map(hf.symbol, ("x", "y", "z", "vx", "vy", "q", "sx", "sy"))
+THETA, V, COUNT = map(hf.symbol, ("theta", "v", "count"))
 
 
 def system(name: str, rates: dict[str, Any]) -> hf.System:
@@ -130,7 +140,7 @@ def docking_far() -> hf.Flowpipe:
         *between(vx + ALONG * x, -OFF, OFF), *between(vy + ASIDE * y, -OFF, OFF),
     ]  # fmt: skip
     return hf.flowpipe(
-        of, region(of, least(x + 100, reduce(greatest, passing))), target=region(of, -x - 100),
+        of, region(of, least(x + 100.001, reduce(greatest, passing))), target=region(of, -x - 100),
         start=FIRST, horizon=112, degrees=(1, 6), tolerance=0.01,
     )  # fmt: skip
 
@@ -148,37 +158,41 @@ def docking_near() -> hf.Flowpipe:
     )  # fmt: skip
 
 
-def beside(name: str, gains: list[list[float]], kx: float, ky: float, times: Any = 1) -> hf.System:
-    """The spacecraft with sx = vx + kx x and sy = vy + ky y in place of its velocities."""
+def beside(name: str, gains: list[list[float]], kx: float, ky: float, slope: float) -> hf.System:
+    """The spacecraft in x, q = y - slope x, sx = vx + kx x and sy = vy + ky y."""
     of = spacecraft(name, gains)
-    velocities = {vx: sx - kx * x, vy: sy - ky * y}
-    rates = {n: times * sp.sympify(e).subs(velocities) for n, e in of.rates.items()}
-    rates = {
-        "x": rates["x"], "y": rates["y"],
+    there = {y: q + slope * x, vx: sx - kx * x, vy: sy - ky * (q + slope * x)}
+    rates = {n: sp.sympify(e).subs(there, simultaneous=True) for n, e in of.rates.items()}
+    return system(name, {
+        "x": rates["x"], "q": rates["y"] - slope * rates["x"],
         "sx": rates["vx"] + kx * rates["x"], "sy": rates["vy"] + ky * rates["y"],
-    }  # fmt: skip
-    states = tuple(hf.Quantity(n, "") for n in rates)
-    late = () if times == 1 else (hf.Parameter("late", "min", value=10.0),)
-    return hf.System(name, states, (), rates, parameters=late)
+    })  # fmt: skip
 
 
-def docking_abort() -> hf.Flowpipe:
-    """Time is in parts of `late`, from x = -100 m to the abort."""
-    of = beside("near", NEAR, ALONG, ASIDE, LATE)
-    at_abort = {
-        "x": x, "y": y, "sx": sx - ALONG * x + LATER * x, "sy": sy - ASIDE * y + LATER * y,
-    }  # fmt: skip
-    ends = [e for n, value in at_abort.items() for e in between(value, *ABORTED[n])]
-    start = {"x": (-100, -100), "y": PASSING["y"], "sx": (-OFF, OFF), "sy": (-OFF, OFF)}
+def docking_braked() -> hf.Flowpipe:
+    of = beside("near", NEAR, ALONG, ASIDE, 0.0)
+    later = {"x": x, "q": q, "sx": sx + (LATER - ALONG) * x, "sy": sy + (LATER - ASIDE) * q}
+    ends = [e for n, value in later.items() for e in between(value, *BRAKED[n])]
+    start = {"x": (-100, -100), "q": PASSING["y"], "sx": (-OFF, OFF), "sy": (-OFF, OFF)}
     return hf.flowpipe(
-        of, region(of, x), target=region(of, *ends), start=start, horizon=1,
-        uncertain={"late": (8, 12)}, degrees=(1, 6), tolerance=0.01,
+        of, region(of, x), target=region(of, *ends), start=start, horizon=8,
+        degrees=(1, 6), tolerance=1e-3,
     )  # fmt: skip
 
 
+def docking_abort() -> hf.Flowpipe:
+    of = beside("near", NEAR, LATER, LATER, 0.0)
+    ahead = [q - (SLOPE - ASKEW) * x, (SLOPE + ASKEW) * x - q, *between(x, *ABORTED["x"])]
+    slow = [*between(sx, -OFF, OFF), *between(sy, -OFF, OFF)]
+    return hf.flowpipe(
+        of, region(of, *ahead, *slow), start=BRAKED, horizon=34, degrees=(1, 6), tolerance=1e-3
+    )
+
+
 def docking_drift() -> hf.Flowpipe:
-    of = beside("drifting", [[0.0] * 4] * 2, LATER, LATER)
-    near = reduce(least, (1 + x, 1 - x, 1 + y, 1 - y))
+    of = beside("drifting", [[0.0] * 4] * 2, LATER, LATER, SLOPE)
+    there = q + SLOPE * x
+    near = reduce(least, (1 + x, 1 - x, 1 + there, 1 - there))
     return hf.flowpipe(
         of, region(of, near), start=ABORTED, horizon=80, degrees=(1, 6), tolerance=0.01
     )
@@ -218,7 +232,8 @@ PROBLEMS = {
     "van-der-pol": van_der_pol, "lotka-volterra": lotka_volterra,
     "lotka-volterra-guard": lotka_volterra_guard, "robertson": robertson,
     "docking-before": docking_before, "docking-far": docking_far, "docking-near": docking_near,
-    "docking-abort": docking_abort, "docking-drift": docking_drift, "unicycle": unicycle,
+    "docking-braked": docking_braked, "docking-abort": docking_abort,
+    "docking-drift": docking_drift, "unicycle": unicycle,
 }  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from holdfast.analysis.certificates.law_of_cases import law_of_cases
 from holdfast.analysis.certificates.law_written import written
 from holdfast.analysis.certificates.problem import ROUNDED, parameters_of, parts_of
 from holdfast.analysis.certificates.reading import unchecked
-from holdfast.errors import ScenarioError
+from holdfast.errors import OutputError, ScenarioError
 from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
@@ -35,15 +35,18 @@ def check_of_scenario(certificate: str | Path, scenario: str) -> None:
     Its states, inputs and rates have to be those of the scenario, numbers and disturbances within
     its ranges, the constraints of the region and of the goal proved, for as long as the scenario
     lasts where it stays; of a closed loop the sample time, a delay and noise that are no larger,
-    and the law. A flowpipe is of a closed loop, and at least as long. What it proves of its cells,
-    or of its box, `holdfast-check` says.
+    and the law. A flowpipe is of a closed loop, and at least as long; with a target, as long. What
+    it proves of its cells, or of its box, `holdfast-check` says.
 
     Raises `ScenarioError` or `DefinitionError` that name the first thing that is another, and what
     reading the two files raises.
     """
     file, asked = Path(certificate), load_scenario(scenario)
     if (proved_of_box := read_statement(file)) is not None:
-        return _check_flowpipe(proved_of_box, asked, scenario)
+        try:
+            return _check_flowpipe(proved_of_box, asked, scenario)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise OutputError(f"{file} is damaged: {error}") from None
     proved, _ = unchecked(file)
     if not isinstance(asked, KernelScenario | Scenario):
         raise ScenarioError(
@@ -77,49 +80,74 @@ def _check_flowpipe(proved: Mapping[str, Any], asked: Any, scenario: str) -> Non
         raise ScenarioError(
             f"'{scenario}' has no law, or no region", expected="the closed loop of the flowpipe"
         )
-    ranges = {
-        q["name"]: _numbers(q["range"]) for q in (*proved["disturbances"], *proved["parameters"])
-    }
-    errors = dict(zip(asked.system.state_names, map(float.fromhex, proved["errors"]), strict=False))
     posed = question(asked, bool(proved["target"]))
-    names = {p.name for p in parameters_of(asked.system, ()).values()}
-    uncertain = {n: q for n, q in ranges.items() if n in names}
+    numbers = _numbers_of(asked)
+    parameters, disturbances = (
+        {(q["name"], q["unit"]): _ends(q) for q in proved[key]}
+        for key in ("parameters", "disturbances")
+    )
+    uncertain = {name: ends for (name, _), ends in parameters.items() if name in numbers}
     start = dict.fromkeys(asked.system.state_names, (0.0, 0.0))
     wanted = statement(**posed, start=start, uncertain=uncertain)
     for key in ("states", "inputs", "rates", "constraints", "target", "law"):
         if proved[key] != wanted[key]:
             raise ScenarioError(
-                f"its {key} are others: {_briefly(proved[key])}", expected=_briefly(wanted[key])
+                f"another {key.removesuffix('s')}: {_briefly(proved[key])}",
+                expected=_briefly(wanted[key]),
             )
-    for quantity in (*wanted["disturbances"], *wanted["parameters"]):
-        name, (low, high) = quantity["name"], _numbers(quantity["range"])
-        p = parameters_of(asked.system, ()).get(name)
-        low, high = (low, high) if p is None else (p.value, p.value)
-        least, most = ranges.get(name, (math.inf, -math.inf))
-        if not (least <= low and high <= most):
-            raise ScenarioError(
-                f"'{name}' is from {least:g} to {most:g} in it", expected=f"{low:g} to {high:g}"
-            )
+    for q in wanted["disturbances"]:
+        _check_within(q, _ends(q), disturbances)
+    for q in wanted["parameters"]:
+        _check_within(q, numbers[q["name"]], disturbances | parameters)
+    errors = dict(zip(asked.system.state_names, map(float.fromhex, proved["errors"]), strict=True))
     for name, size in posed["errors"].items():
-        if size > errors.get(name, 0.0):
+        if size > errors[name]:
             raise ScenarioError(
-                f"'{name}' is measured within {errors.get(name, 0.0):g} in it",
-                expected=f"{size:g} at least",
+                f"'{name}' is measured within {errors[name]:g} in it", expected=f"{size:g} at least"
             )
-    hold, holds = float.fromhex(proved["hold"]), proved["holds"]
-    if wanted["inputs"] and hold != posed["sample_time"]:
+    (hold, holds), (its_hold, its_holds) = (
+        (float.fromhex(h["hold"]), h["holds"]) for h in (proved, wanted)
+    )
+    if wanted["inputs"] and hold != its_hold:
+        raise ScenarioError(f"inputs are held for {hold:g} s in it", expected=f"{its_hold:g} s")
+    same = (hold, holds) == (its_hold, its_holds)
+    longer = holds >= its_holds if hold == its_hold else hold * holds >= its_hold * its_holds
+    if not (same or (longer and not proved["target"])):
         raise ScenarioError(
-            f"inputs are held for {hold:g} s in it", expected=f"{posed['sample_time']:g} s"
-        )
-    if hold * holds < posed["horizon"] - ROUNDED:
-        raise ScenarioError(
-            f"it is for {hold * holds:g} s", expected=f"{posed['horizon']:g} s at least"
+            f"it is for {hold * holds:g} s",
+            expected=f"{its_hold * its_holds:g} s" + ("" if proved["target"] else " at least"),
         )
 
 
-def _numbers(ends: Sequence[str]) -> Range:
-    low, high = map(float.fromhex, ends)
+def _numbers_of(asked: Scenario) -> dict[str, Range]:
+    """Between what each parameter is, in the law and in the vehicle."""
+    if asked.varied.names or asked.varied.plant:
+        raise ScenarioError("its numbers vary from run to run", expected="no [varied]")
+    every = parameters_of(asked.system, (asked.region,) if asked.region else ())
+    return {
+        name: (min(p.value, real), max(p.value, real))
+        for name, p in every.items()
+        for real in (float(asked.plant.get(name, p.value)),)
+    }
+
+
+def _ends(q: Mapping[str, Any]) -> Range:
+    low, high = map(float.fromhex, q["range"])
     return low, high
+
+
+def _check_within(
+    q: Mapping[str, Any], ends: Range, proved: Mapping[tuple[str, str], Range]
+) -> None:
+    """Raise unless a quantity of a scenario is within what is proved."""
+    low, high = ends
+    if (q["name"], q["unit"]) not in proved:
+        raise ScenarioError(f"it has no '{q['name']}' in '{q['unit']}'", expected=_briefly(q))
+    least, most = proved[q["name"], q["unit"]]
+    if not (least <= low and high <= most):
+        raise ScenarioError(
+            f"'{q['name']}' is from {least:g} to {most:g} in it", expected=f"{low:g} to {high:g}"
+        )
 
 
 def _briefly(said: Any) -> str:

@@ -11,7 +11,6 @@ from holdfast_check import checker
 
 SOURCE = Path(checker.__file__).parent
 MOVED = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
-VALUES = (ast.List, ast.Tuple, ast.Constant)
 
 
 def others(roots):

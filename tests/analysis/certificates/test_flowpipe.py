@@ -434,9 +434,9 @@ def test_flowpipe_is_of_the_closed_loop_that_it_is_of(tmp_path):
         ("horizon = 60", "horizon = 6", "it is for 5 s"),
         ("[-0.2, 0.2]", "[-0.1, 0.2]", ""),
         ("[-0.2, 0.2]", "[-0.3, 0.2]", "'w' is from -0.2 to 0.2 in it"),
-        ("0.6*psi", "0.5*psi", "its law are others"),
-        ("1.5*sin(psi)", "1.4*sin(psi)", "its rates are others"),
-        ("y - 5", "y - 4", "its constraints are others"),
+        ("0.6*psi", "0.5*psi", "another law"),
+        ("1.5*sin(psi)", "1.4*sin(psi)", "another rate"),
+        ("y - 5", "y - 4", "another constraint"),
         ("sample_time = 0.5", "sample_time = 0.25", "inputs are held for 0.5 s in it"),
         (
             "sample_time = 0.5",
@@ -455,6 +455,76 @@ def test_flowpipe_is_of_the_closed_loop_that_it_is_of(tmp_path):
             check_of_scenario(path, str(file))
     with pytest.raises(HoldfastError, match="has no law"):
         check_of_scenario(path, "seen-target")
+
+
+OSCILLATOR = """
+[scenario]
+title = "An oscillator, pushed"
+
+[system]
+states = { x = { unit = "m" }, v = { unit = "m/s" } }
+inputs = { u = { unit = "m/s^2", bounds = [-1, 1] } }
+WHATEVER
+rates = { x = "v", v = "w - x + u" }
+
+[region]
+constraints = { right = { expression = "x - 1", unit = "m" } }
+
+[goal]
+constraints = { slow = { expression = "v - 2", unit = "m/s" } }
+
+[law]
+outputs = { u = "-0.1*v" }
+
+[starts]
+states = [{ x = 0, v = 0 }]
+
+[run]
+horizon = 2
+sample_time = 0.5
+"""
+
+
+def test_flowpipe_of_a_constant_is_not_of_what_changes(tmp_path):
+    """One number all the time is less than another at every instant, in a vehicle too."""
+    constant = 'parameters = { w = { value = 0.0, unit = "m/s^2" } }'
+    changing = 'disturbances = { w = { unit = "m/s^2", bounds = [-0.2, 0.2] } }'
+    file = tmp_path / "oscillator.toml"
+    written = {}
+    for name, of, more in (
+        ("constant", constant, {"uncertain": {"w": (-0.2, 0.2)}}), ("changing", changing, {}),
+        ("arriving", changing, {"to_goal": True}),
+    ):  # fmt: skip
+        file.write_text(OSCILLATOR.replace("WHATEVER", of), encoding="utf-8")
+        pipe = flowpipe_of(str(file), start={"x": (0, 0.01), "v": (0, 0.01)}, **more)
+        written[name] = pipe.write(tmp_path / f"{name}.holdfast")
+    for name, of, more, says in (
+        ("constant", constant, "", ""),
+        ("constant", constant.replace("0.0", "0.2"), "", ""),
+        ("constant", constant.replace("0.0", "0.3"), "", "'w' is from -0.2 to 0.2 in it"),
+        ("constant", constant, "[plant]\nw = 0.1\n", ""),
+        ("constant", constant, "[plant]\nw = 0.3\n", "'w' is from -0.2 to 0.2 in it"),
+        ("constant", constant, "[varied]\ndraws = { w = [-0.1, 0.1] }\n", "vary from run to run"),
+        ("constant", changing, "", "it has no 'w' in 'm/s^2'"),
+        ("changing", constant, "", ""),
+        ("changing", changing, "", ""),
+        ("changing", changing.replace("m/s^2", "km/s^2"), "", "it has no 'w' in 'km/s^2'"),
+        ("arriving", changing, "", ""),
+    ):
+        file.write_text(OSCILLATOR.replace("WHATEVER", of) + more, encoding="utf-8")
+        if not says:
+            check_of_scenario(written[name], str(file))
+            continue
+        with pytest.raises(HoldfastError, match=re.escape(says)):
+            check_of_scenario(written[name], str(file))
+    for name, says in (("changing", ""), ("arriving", "it is for 2 s; expected 1.5 s")):
+        shorter = OSCILLATOR.replace("horizon = 2", "horizon = 1.5")
+        file.write_text(shorter.replace("WHATEVER", changing), encoding="utf-8")
+        if not says:
+            check_of_scenario(written[name], str(file))
+            continue
+        with pytest.raises(HoldfastError, match=re.escape(says)):
+            check_of_scenario(written[name], str(file))
 
 
 def test_cart_of_the_page_keeps_its_walls():

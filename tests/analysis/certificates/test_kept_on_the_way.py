@@ -84,7 +84,6 @@ def test_a_constraint_is_kept_on_the_way_where_that_follows(name):
 
 
 SAME = {
-    "low < high and begins and ends with another": "with one rate alone it was decided before",
     "low < high and begins and ends without low < high": "with one rate alone it was decided before",
     "low < high with another": "with one rate alone it was decided before",
 }

@@ -238,13 +238,17 @@ def read_statement(file: Path) -> dict[str, Any] | None:
 
     That it is proved `holdfast-check` says. Raises `OutputError` for one that cannot be read.
     """
+    if not file.is_file():
+        return None
     try:
         first, text, *_ = (*file.read_bytes().split(b"\n", 2), b"")
         if not first.startswith(MAGIC.encode() + b" "):
             return None
-        header: dict[str, Any] = json.loads(text)
-    except (OSError, ValueError) as error:
+        header = json.loads(text)
+    except (OSError, ValueError, RecursionError) as error:
         raise OutputError(f"{file} cannot be read ({error})") from None
+    if not isinstance(header, dict):
+        raise OutputError(f"{file} is damaged: its header is no table")
     return header
 
 
