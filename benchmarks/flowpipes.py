@@ -60,12 +60,10 @@ BRAKED = {"x": (-79.5, -77.5), "q": (-28.0, -22.0), "sx": (-OFF, OFF), "sy": (-O
 """Where all are 8 min after they pass x = -100 m: q = y, sx = vx + k x, sy = vy + k y."""
 SLOPE, ASKEW = 0.32, 0.06
 """y / x afterwards, and by how much it is off."""
+AWRY = 2 * OFF
 ABORTED = {
-    "x": (-80.0, -27.0),
-    "q": (-80 * ASKEW, 80 * ASKEW),
-    "sx": (-OFF, OFF),
-    "sy": (-OFF, OFF),
-}
+    "x": (-80.0, -27.0), "q": (-80 * ASKEW, 80 * ASKEW), "sx": (-AWRY, AWRY), "sy": (-AWRY, AWRY),
+}  # fmt: skip
 """Where they drift from, q = y - SLOPE x."""
 x, y, z, vx, vy, q, sx, sy = map(hf.symbol, ("x", "y", "z", "vx", "vy", "q", "sx", "sy"))
 THETA, V, COUNT = map(hf.symbol, ("theta", "v", "count"))
@@ -183,7 +181,7 @@ def docking_braked() -> hf.Flowpipe:
 def docking_abort() -> hf.Flowpipe:
     of = beside("near", NEAR, LATER, LATER, 0.0)
     ahead = [q - (SLOPE - ASKEW) * x, (SLOPE + ASKEW) * x - q, *between(x, *ABORTED["x"])]
-    slow = [*between(sx, -OFF, OFF), *between(sy, -OFF, OFF)]
+    slow = [*between(sx, *ABORTED["sx"]), *between(sy, *ABORTED["sy"])]
     return hf.flowpipe(
         of, region(of, *ahead, *slow), start=BRAKED, horizon=34, degrees=(1, 6), tolerance=1e-3
     )
