@@ -5,7 +5,7 @@ import inspect
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.reachability.options import Marching
+from holdfast.analysis.reachability.problem import Marching
 from holdfast.errors import RenamedWarning, ScenarioError
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.definitions.scene import Circle, Cone, Footprint, Segment

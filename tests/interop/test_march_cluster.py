@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from holdfast.analysis.reachability.divided_march import PartsLostError
-from holdfast.analysis.reachability.options import Marching
+from holdfast.analysis.reachability.problem import Marching
 from holdfast.errors import SimulationError
 from holdfast.execution.level_set.layers import layers
 from tests.divided_marches import basin, kernel, same

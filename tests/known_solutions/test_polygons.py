@@ -15,7 +15,7 @@ from exact import nearly_balanced
 from scipy.spatial import ConvexHull
 
 import holdfast as hf
-from holdfast.analysis.reachability import resting_set
+from holdfast.analysis.reachability import one_march
 
 NODES = 61
 UNIT = np.array(list(itertools.product((0.0, 1.0), repeat=2)))
@@ -157,7 +157,7 @@ BEYOND = {"weno5": (17.6, 1.9), "eno3": (17.6, 1.8), "eno2": (17.6, 3.4)}
 def test_a_kernel_of_a_finite_horizon_is_too_large_by_few_cells(scheme, monkeypatch):
     """Of 14 sets after 4 s the largest distance, without the filter and with it."""
     cut = max(apart("kernel", seed, scheme, 4.0)[0] for seed in range(14))
-    monkeypatch.setattr(resting_set, "_held", lambda sharp, worn, limit: sharp)
+    monkeypatch.setattr(one_march, "_held", lambda sharp, worn, limit: sharp)
     bare = max(apart("kernel", seed, scheme, 4.0)[0] for seed in range(14))
     assert (bare, cut) == pytest.approx(BEYOND[scheme], abs=0.2)
 

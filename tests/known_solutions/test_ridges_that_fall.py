@@ -17,8 +17,8 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 import holdfast as hf
+from holdfast.analysis.reachability.one_march import rim_of
 from holdfast.analysis.reachability.problem import Posed
-from holdfast.analysis.reachability.resting_set import rim_of
 from holdfast.maths.definitions.quantity import TIME
 from tests.devices import needs_cpp
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.reachability.bisection import Answer, Tried, search
+from holdfast.analysis.reachability.solve import Answer, Tried, search
 from holdfast.errors import ScenarioError, SimulationError
 from holdfast.presentation.studies.margin import margin_text
 from tests.command_line import holdfast

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 import holdfast as hf
-from holdfast.analysis.reachability.bisection import Answer
+from holdfast.analysis.reachability.solve import Answer
 from holdfast.commands.certify import command
 from holdfast.errors import ScenarioError
 from holdfast.scenario.files import read_tables

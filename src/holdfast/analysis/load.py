@@ -20,8 +20,13 @@ from holdfast.analysis.decomposition.parts_file import (
 )
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.published_kernels import referred
-from holdfast.analysis.reachability.stored_tables import StoredTables
-from holdfast.analysis.reachability.stored_values import CACHE, Stamp, StoredValues, as_read
+from holdfast.analysis.reachability.stored_values import (
+    CACHE,
+    Stamp,
+    StoredTables,
+    StoredValues,
+    as_read,
+)
 from holdfast.analysis.reachability.value_function import ValueFunction, value_function
 from holdfast.analysis.simulation.files import FORMAT, HIGHEST, MARK, read_netcdf
 from holdfast.analysis.simulation.result import Result

@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from holdfast.analysis.reachability.bisection import Answer, Kept, Margin, Tried, search
-from holdfast.analysis.reachability.options import Marching
-from holdfast.analysis.reachability.solve import set_on_grid
+from holdfast.analysis.reachability.problem import Marching
+from holdfast.analysis.reachability.solve import Answer, Kept, Margin, Tried, search, set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError, suggestion

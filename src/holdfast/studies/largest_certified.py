@@ -10,7 +10,7 @@ from pathlib import Path
 
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.largest import CertifiedTrial, LargestCertified
-from holdfast.analysis.reachability.bisection import Answer, search
+from holdfast.analysis.reachability.solve import Answer, search
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.host.output import make_folder, write_summary

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from holdfast.analysis.reachability.given_disturbance import largest_factor
+from holdfast.analysis.reachability.problem import largest_factor
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.maths.definitions.units import in_base_units
 from holdfast.maths.expressions.numeric import Expression, constant, multiple_of_name, norm

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from holdfast.analysis.reachability.bisection import Margin
+from holdfast.analysis.reachability.solve import Margin
 from holdfast.analysis.simulation.law_comparison import Comparison
 from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.analysis.simulation.tuning import Tuning

@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.reachability.cells import share_inside
+from holdfast.analysis.reachability.value_function import share_inside
 from holdfast.errors import SimulationError
 
 X, Y, A, B = (hf.symbol(n) for n in ("x", "y", "a", "b"))
@@ -55,7 +55,7 @@ def test_boundary_across_an_axis_is_exact_and_a_periodic_axis_has_no_ends():
 def test_many_nodes_are_looked_at_in_blocks_with_the_same_sum(monkeypatch):
     table = np.random.default_rng(0).normal(size=(6, 7, 8))
     whole = share_inside(table, [True, False, True])
-    monkeypatch.setattr("holdfast.analysis.reachability.cells.TOGETHER", 20)
+    monkeypatch.setattr("holdfast.analysis.reachability.value_function.TOGETHER", 20)
     assert share_inside(table, [True, False, True]) == pytest.approx(whole, abs=1e-14)
 
 

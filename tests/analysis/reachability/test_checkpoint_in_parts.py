@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from holdfast.analysis.reachability import march_part
-from holdfast.analysis.reachability.checkpoint_parts import PartFiles, read_parts, write_part
 from holdfast.analysis.reachability.divided_march import Here
+from holdfast.analysis.reachability.march_part import PartFiles, read_parts, write_part
 from holdfast.errors import OutputError, SimulationError
 from tests.divided_marches import basin, same
 

@@ -6,10 +6,10 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.reachability import disk_estimate, hamilton_jacobi, obstacles
-from holdfast.analysis.reachability.disk_estimate import traffic
+from holdfast.analysis.reachability import march_part, memory_estimate, one_march
 from holdfast.analysis.reachability.divided_march import Here
 from holdfast.analysis.reachability.march_part import MarchPart
+from holdfast.analysis.reachability.memory_estimate import traffic
 from holdfast.errors import OutputError, SimulationError, SlowWarning
 from holdfast.execution import resources, working_room
 from holdfast.execution.level_set import over_grid, streaming
@@ -123,7 +123,7 @@ def test_a_march_from_a_disk_whose_stages_do_not_has_the_same_answer(problem, op
 
 def test_obstacles_that_move_are_renewed_some_planes_at_a_time(monkeypatch):
     whole, parts = moving_set(scheme="eno2"), Here(1, count=3, by_step=STAGE)
-    monkeypatch.setattr(obstacles, "TOGETHER", 1000)  # two planes
+    monkeypatch.setattr(march_part, "NODES_RENEWED_AT_ONCE", 1000)  # two planes
     monkeypatch.setattr(over_grid, "TOGETHER", 600)  # of which a part may have one and a half
     same(whole, moving_set(scheme="eno2"))
     same(whole, moving_set(scheme="eno2", cluster=parts))
@@ -199,7 +199,7 @@ def test_what_a_step_reads_and_writes_is_counted_by_passes_over_the_arrays(monke
         counted.append(posed)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(hamilton_jacobi, "check_disk", count)
+    monkeypatch.setattr(one_march, "check_disk", count)
     for problem in (mirrored_kernel, mirrored_first, moving_kernel, moving_set):
         with pytest.raises(KeyboardInterrupt):
             problem(**SINGLE, on_disk=".")
@@ -276,18 +276,18 @@ def test_few_nodes_are_timed_of_a_grid_with_large_planes(tmp_path, monkeypatch):
             timed.append(len(self.now()))
             super().open()
 
-    monkeypatch.setattr(disk_estimate, "MarchPart", Timed)
-    monkeypatch.setattr(disk_estimate, "total_memory", lambda: 1e5)
-    monkeypatch.setattr(disk_estimate, "PROBE", 2**20)
-    monkeypatch.setattr(disk_estimate, "TIMED", 4000)
+    monkeypatch.setattr(memory_estimate, "MarchPart", Timed)
+    monkeypatch.setattr(memory_estimate, "total_memory", lambda: 1e5)
+    monkeypatch.setattr(memory_estimate, "PROBE", 2**20)
+    monkeypatch.setattr(memory_estimate, "TIMED", 4000)
     with pytest.warns(SlowWarning):
         two_carts(on_disk=tmp_path)
     assert set(timed) == {7 * 7 * 8 * 10}
 
 
 def test_how_slow_a_disk_is_is_said_beforehand(tmp_path, monkeypatch):
-    monkeypatch.setattr("holdfast.analysis.reachability.disk_estimate.total_memory", lambda: 1e5)
-    monkeypatch.setattr("holdfast.analysis.reachability.disk_estimate.PROBE", 2**20)
+    monkeypatch.setattr("holdfast.analysis.reachability.memory_estimate.total_memory", lambda: 1e5)
+    monkeypatch.setattr("holdfast.analysis.reachability.memory_estimate.PROBE", 2**20)
     said = (
         r"the arrays take 0.000.* GiB of .*: where nothing is settled a step takes about .* times"
     )
@@ -297,6 +297,6 @@ def test_how_slow_a_disk_is_is_said_beforehand(tmp_path, monkeypatch):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         monkeypatch.setattr(
-            "holdfast.analysis.reachability.disk_estimate.total_memory", resources.total_memory
+            "holdfast.analysis.reachability.memory_estimate.total_memory", resources.total_memory
         )
         tube(on_disk=tmp_path)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.analysis.reachability.node_sampler import Places
+from holdfast.analysis.reachability.value_function import Places
 
 
 @pytest.mark.parametrize("shape", [(7,), (5, 4), (3, 6, 2)])

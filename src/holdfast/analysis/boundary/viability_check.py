@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from holdfast.analysis.boundary.boundary import Boundary
-from holdfast.analysis.reachability.given import whole
+from holdfast.analysis.reachability.grid import whole
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arrays import Array

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from holdfast.analysis.certificates.certificate import Certificate
-from holdfast.analysis.reachability.bisection import Answer, close, first_lost, last_held
+from holdfast.analysis.reachability.solve import Answer, close, first_lost, last_held
 
 
 @dataclass(frozen=True)

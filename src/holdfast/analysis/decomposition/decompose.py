@@ -10,7 +10,7 @@ import sympy as sp
 from holdfast.analysis.decomposition.decomposition import EXACT, INNER, Decomposition, Part
 from holdfast.analysis.decomposition.guaranteed import Guarantee, check_tried, guarantees
 from holdfast.analysis.decomposition.lag_free import LagFree, lag_free
-from holdfast.analysis.reachability.given import by_name
+from holdfast.analysis.reachability.grid import by_name
 from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion

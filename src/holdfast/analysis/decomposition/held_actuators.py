@@ -18,7 +18,7 @@ from typing import Any
 import sympy as sp
 
 from holdfast.analysis.decomposition.parts_value import ROUNDING, PartsValue, SolvedPart
-from holdfast.analysis.reachability.given import number
+from holdfast.analysis.reachability.grid import number
 from holdfast.analysis.safety.safety_filter import possible_margin
 from holdfast.errors import SimulationError
 from holdfast.maths.decomposition.prediction import lags

@@ -13,9 +13,8 @@ import numpy.typing as npt
 
 from holdfast.analysis.decomposition.decomposition import Decomposition, Part
 from holdfast.analysis.decomposition.parts_file import write_parts
-from holdfast.analysis.reachability.claim import Tried
-from holdfast.analysis.reachability.given import by_name, whole
-from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.reachability.grid import by_name, whole
+from holdfast.analysis.reachability.value_function import Tried, ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array

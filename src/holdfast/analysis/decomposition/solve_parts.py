@@ -9,9 +9,8 @@ import numpy as np
 
 from holdfast.analysis.decomposition.decomposition import Decomposition, Part
 from holdfast.analysis.decomposition.parts_value import PartsValue
-from holdfast.analysis.reachability import sets
-from holdfast.analysis.reachability.given import by_name, whole
-from holdfast.analysis.reachability.grid import TURN, grid
+from holdfast.analysis.reachability import solve
+from holdfast.analysis.reachability.grid import TURN, by_name, grid, whole
 from holdfast.analysis.reachability.problem import CutOffError
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
@@ -184,7 +183,7 @@ def _solved(
         chosen["symmetry"] = mine if -1 in mine.values() else None
     if chosen.get("samples") and _sampled(whole.parts) and not _sampled([part]):
         del chosen["samples"]
-    function = getattr(sets, part.kind.replace("-", "_"))
+    function = getattr(solve, part.kind.replace("-", "_"))
     about: tuple[Any, ...] = (part.about,)
     if part.kind == "capture-basin":
         about = (part.goal, part.region)

@@ -7,8 +7,7 @@ import weakref
 
 from holdfast.analysis.decomposition.parts_promise import default_parts_promise
 from holdfast.analysis.decomposition.parts_value import PartsValue
-from holdfast.analysis.reachability.claim import Tried
-from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.reachability.value_function import Tried, ValueFunction
 from holdfast.analysis.safety.default_promise import default_promise
 from holdfast.analysis.safety.verdict import FELL_SHORT, UNCONFIRMED
 from holdfast.errors import PromiseFellShortWarning, PromiseNotTriedWarning, SimulationError

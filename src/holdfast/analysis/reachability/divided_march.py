@@ -14,10 +14,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from holdfast.analysis.reachability.march_part import MarchPart, layers_of
-from holdfast.analysis.reachability.obstacles import Facts, check_start, merged
-from holdfast.analysis.reachability.options import Marching
-from holdfast.analysis.reachability.problem import Ends, Posed
+from holdfast.analysis.reachability.march_part import (
+    Facts,
+    MarchPart,
+    check_start,
+    layers_of,
+    merged,
+)
+from holdfast.analysis.reachability.problem import Ends, Marching, Posed
 from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.layers import Part, check_cut

@@ -32,7 +32,7 @@ class Report:
 
     filtered_share: how many nodes the second of two marches took from a set that is to be kept, or
     added to one that is to be reached, as a share of them; None where there was one march
-    (`resting_set.py`).
+    (`one_march.py`).
 
     The following are None, or empty, unless requested. error_order, error_largest, error_rms,
     error_cells, volume_coarse: see `error_estimate.with_error`. error_reach: cells by which the

@@ -1,20 +1,30 @@
-"""The march of a posed problem: over its grid, over a part of it, or over another one."""
+"""The march of a posed problem: over its grid, over a part of it, over another one, or refined.
+
+Near the boundary of the set a grid may be finer: its nodes are marched everywhere, those of one
+with cells `refine` times shorter in blocks around the boundary
+(`execution/level_set/refined_march.py`). The result is the value at all nodes of the finer grid,
+outside the blocks linear between nodes of the coarser one.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.analysis.reachability.grid import Grid
+from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.problem import Posed
+from holdfast.errors import SimulationError
 from holdfast.execution.device.program import device_named
 from holdfast.execution.level_set.layers import Part
 from holdfast.execution.level_set.march import March
 from holdfast.execution.level_set.over_grid import OverGrid
+from holdfast.execution.level_set.refined_march import STRETCH, RefinedMarch
 from holdfast.execution.level_set.units import layout
+from holdfast.execution.resources import available_cores
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
 LEEWAY = 0.08, 5.0, 6.0
@@ -139,3 +149,50 @@ def _slopes_of_plane(
 def _flatter(sides: Sequence[npt.NDArray[Any] | None]) -> npt.NDArray[Any] | float:
     there = [s for s in sides if s is not None]
     return np.minimum(*there) if len(there) == 2 else there[0] if there else 0.0
+
+
+def finer(grid: Grid, refine: int) -> Grid:
+    """The grid with cells so many times shorter along every axis."""
+
+    def divided(axis: Axis) -> Axis:
+        last = axis.ends != "periodic"
+        return replace(axis, count=refine * (axis.count - last) + last)
+
+    return Grid(tuple(divided(a) for a in grid.axes))
+
+
+def on_finer_grid(posed: Posed) -> Posed:
+    """The same problem on the grid of its answer."""
+    return replace(posed, grid=finer(posed.grid, posed.marching.refine))
+
+
+def check_refined(posed: Posed) -> None:
+    """Refuse a refined march of a problem that depends on time."""
+    if posed.marching.refine > 1 and posed.varies:
+        raise SimulationError(
+            "refine where a rate or a region depends on time: the boundary may then be anywhere",
+            expected="a problem that does not depend on time",
+            remedy="leave out refine, and take more nodes",
+        )
+
+
+def refined_march(
+    posed: Posed, base: Grid, hamiltonian: Hamiltonian, **options: Any
+) -> RefinedMarch:
+    """The march of a problem; base: the grid that it is refined from; options: of `March`."""
+    threads = posed.marching.threads or available_cores()
+
+    def of(grid: Grid, stretch: int | None) -> March:
+        rows = grid.shape[-2] if len(grid.axes) > 1 else 1
+        cut = None if stretch is None else (1, rows, -(-grid.shape[-1] // stretch), stretch)
+        return march_of(posed, hamiltonian, grid, threads=threads, cut=cut, **options)
+
+    between = [2**k for k in range(1, posed.marching.refine.bit_length())]
+    marches = [of(base, None), *(of(finer(base, k), STRETCH) for k in between)]
+    periodic = [a.ends == "periodic" for a in base.axes]
+    return RefinedMarch(marches, periodic, side=1.0 if posed.limit == "shrink" else -1.0)
+
+
+def refinement_of(march: RefinedMarch) -> dict[str, Any]:
+    """The entries of the report about a march that was refined."""
+    return {"refine": march.refine, "marched_share": march.marched_share}

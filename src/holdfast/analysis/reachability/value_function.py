@@ -1,39 +1,408 @@
-"""Value functions (level-set functions) on a grid: V > 0 inside the set, 0 on its boundary."""
+"""Value functions (level-set functions) on a grid: V > 0 inside the set, 0 on its boundary.
+
+A value is a dataset with names and units; it knows what its set claims, the share of the cells in
+which it is positive, random nodes that satisfy a condition, and its inner set.
+
+No scheme on a grid, of first or higher order, guarantees that a lost state is never called safe:
+V is linear between nodes, and if it jumps at the boundary, the zero of the numerical jump may lie
+on the wrong side, by more cells the finer the grid is. The error of the set is therefore estimated
+in cells, from the boundaries alone, and the inner set is the set eroded by as many.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from holdfast.analysis.reachability import stored_tables
-from holdfast.analysis.reachability.cells import share_inside
-from holdfast.analysis.reachability.claim import Claim, Tried, recorded
-from holdfast.analysis.reachability.given import number
-from holdfast.analysis.reachability.grid import Axis, Grid
-from holdfast.analysis.reachability.inner_set import inner
+from holdfast.analysis.reachability import stored_values
+from holdfast.analysis.reachability.grid import Axis, Grid, number
+from holdfast.analysis.reachability.march_part import largest_change
 from holdfast.analysis.reachability.march_report import Report
-from holdfast.analysis.reachability.stored_tables import ARRIVALS, Layers, StoredTables
-from holdfast.analysis.reachability.value_dataset import (
-    between_nodes,
-    dataset_of,
-    grid_of,
-    number_of_time,
-)
+from holdfast.analysis.reachability.stored_values import ARRIVALS, Layers, StoredTables
 from holdfast.analysis.simulation.files import write_values
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
-from holdfast.execution.arrays import AnyArray, Array
+from holdfast.execution.arrays import AnyArray
+from holdfast.execution.arrays import AnyArray as Array
+from holdfast.execution.arrays import Array as DoubleArray
 from holdfast.execution.look_up import slopes_at, values_at
 from holdfast.execution.resources import check_memory
 from holdfast.execution.table_in_parts import TableInParts
+from holdfast.maths.definitions.quantity import Quantity
+from holdfast.maths.definitions.region import Region
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What the states of a set are said to be able to do: stay in `region`, or reach `goal`."""
+
+    region: Region | None
+    goal: Region | None = None
+
+
+class Tried(Protocol):
+    """A closed-loop validation, as `Promise`."""
+
+    @property
+    def outcome(self) -> str: ...
+
+    @property
+    def conclusion(self) -> str: ...
+
+    @property
+    def kept_share(self) -> float: ...
+
+
+def recorded(promise: Tried) -> dict[str, Any]:
+    """What a validation came to, as entries of the report."""
+    return {
+        "promise_outcome": promise.outcome,
+        "promise_conclusion": promise.conclusion,
+        "promise_share": promise.kept_share,
+    }
+
+
+Indices = npt.NDArray[np.intp]
+
+
+class Places:
+    """Nodes that satisfy a condition, counted slab by slab along the first axis.
+
+    A list of all of them would take more memory than the value itself. holds(k): the condition at
+    all nodes of the k-th slab.
+    """
+
+    def __init__(self, holds: Callable[[int], Any], shape: Sequence[int]) -> None:
+        self._holds, self._shape = holds, tuple(shape)
+        counts = [np.count_nonzero(holds(k)) for k in range(self._shape[0])]
+        self._ends = np.cumsum(counts)
+
+    def __len__(self) -> int:
+        return int(self._ends[-1])
+
+    def at(self, ranks: Indices) -> tuple[Indices, ...]:
+        """The nodes of these ranks, as an index for every axis."""
+        outer = np.searchsorted(self._ends, ranks, side="right")
+        inner = np.empty(len(ranks), dtype=np.intp)
+        for k in np.unique(outer):
+            here = outer == k
+            begins = self._ends[k - 1] if k else 0
+            inner[here] = np.flatnonzero(self._holds(int(k)))[ranks[here] - begins]
+        return (outer, *np.unravel_index(inner, self._shape[1:])) if self._shape[1:] else (outer,)
+
+
+def dataset_of(
+    grid: Grid,
+    values: npt.NDArray[Any],
+    report: Report,
+    times: Sequence[float] | None,
+    arrival: npt.NDArray[Any] | None,
+) -> xr.Dataset:
+    """The arrays with names and units; `values` of several times has time first."""
+    names = [a.name for a in grid.axes]
+    unit = report.value_unit
+    coordinates: dict[str, Any] = {
+        a.name: (
+            a.name,
+            a.nodes,
+            {
+                "units": a.state.unit,
+                "long_name": a.state.description or a.name,
+                "ends": a.ends,
+                "low": a.low,
+                "high": a.high,
+                "is_angle": int(a.state.angle),
+            },
+        )
+        for a in grid.axes
+    }
+    dims = names
+    if times is not None:
+        coordinates["time"] = ("time", np.array(times), {"units": "s"})
+        dims = ["time", *names]
+    text = "value, positive inside the set"
+    variables: dict[str, Any] = {"value": (dims, values, {"units": unit, "long_name": text})}
+    if arrival is not None:
+        said = {"units": "s", "long_name": "least time to the target; NaN where it is not reached"}
+        variables["arrival"] = (names, arrival, said)
+    return xr.Dataset(variables, coordinates, report.attributes())
+
+
+def grid_of(dataset: xr.Dataset) -> Grid:
+    """The grid of such a dataset."""
+    dims = [str(d) for d in dataset["value"].dims if d != "time"]
+    axes = []
+    for name in dims:
+        said = dataset[name].attrs
+        text = "" if said["long_name"] == name else said["long_name"]
+        q = Quantity(name, said["units"], text, angle=bool(said["is_angle"]))
+        axes.append(
+            Axis(q, float(said["low"]), float(said["high"]), dataset.sizes[name], said["ends"])
+        )
+    return Grid(tuple(axes))
+
+
+def number_of_time(data: xr.DataArray, time: float) -> int:
+    known = data["time"].values
+    k = int(np.argmin(np.abs(known - time)))
+    if not abs(known[k] - time) <= 1e-9 * float(np.abs(known).max()):
+        shown = ", ".join(f"{t:g}" for t in known)
+        raise SimulationError(f"no value at {time:g} s", expected=f"one of {shown}")
+    return k
+
+
+def between_nodes(axis: Axis, value: float) -> tuple[tuple[int, ...], float]:
+    """The nodes of an axis below and above a value, and how far it is between."""
+    place = (value - axis.low) / axis.step
+    if axis.ends == "periodic":
+        place %= axis.count
+    elif not -1e-9 <= place <= axis.count - 1 + 1e-9:
+        raise SimulationError(
+            f"'{axis.name}' at {value:g} is outside the grid",
+            expected=f"{axis.low:g} to {axis.high:g}",
+        )
+    k = int(np.clip(np.floor(place), 0, axis.count - (1 if axis.ends == "periodic" else 2)))
+    return (k, (k + 1) % axis.count), place - k
+
+
+TOGETHER = 1_000_000
+"""The most nodes of a block evaluated at once, unless two axes alone have more."""
+
+
+def share_inside(values: Array, periodic: Sequence[bool]) -> float:
+    """The mean over all cells of the share of a cell in which the value is positive.
+
+    A cell whose corners are all positive counts 1, one that has no positive corner 0. For the
+    others let m be the mean of the corners and d_i the mean difference along axis i: the share is
+
+        1/2 + m / sum_i |d_i|   within [0, 1]
+
+    which is exact for a boundary normal to an axis, and correct on average over many cells for any
+    other plane.
+    """
+    outer = 0  # axes traversed cell by cell
+    while outer < values.ndim - 1 and math.prod(values.shape[outer:]) * 2**outer > TOGETHER:
+        outer += 1
+    cells = [n if around else n - 1 for n, around in zip(values.shape, periodic, strict=True)]
+    inside = 0.0
+    for place in itertools.product(*(range(c) for c in cells[:outer])):
+        block = values
+        for axis, k in enumerate(place):
+            if k + 1 < values.shape[axis]:  # a view: the block may be large
+                block = block[(slice(None),) * axis + (slice(k, k + 2),)]
+            else:
+                block = block.take([k, 0], axis=axis)
+        for axis in range(outer, values.ndim):
+            if periodic[axis]:
+                block = np.concatenate([block, block.take([0], axis=axis)], axis=axis)
+        inside += _shares(block)
+    return inside / math.prod(cells)
+
+
+def _shares(corners: Array) -> float:
+    mean = corners.astype(np.float64)
+    some = every = corners > 0
+    slopes: list[Array] = []
+    for axis in range(corners.ndim):
+        above, below = (_part(mean, axis, k) for k in (1, 0))
+        slopes = [0.5 * (_part(s, axis, 1) + _part(s, axis, 0)) for s in slopes]
+        slopes.append(above - below)
+        mean = 0.5 * (above + below)
+        some = _part(some, axis, 1) | _part(some, axis, 0)
+        every = _part(every, axis, 1) & _part(every, axis, 0)
+    cut = some & ~every
+    swing = sum((np.abs(s[cut]) for s in slopes), start=np.zeros(int(cut.sum())))
+    level = np.divide(mean[cut], swing, out=np.zeros_like(swing), where=swing > 0)
+    return float(every.sum() + np.clip(0.5 + level, 0.0, 1.0).sum())
+
+
+def _part(values: Array, axis: int, first: int) -> Array:
+    """The upper (1) or lower (0) ends of all intervals along an axis."""
+    count = values.shape[axis] - 1
+    return values[(slice(None),) * axis + (slice(first, first + count),)]
+
+
+MOST_CELLS = 20
+"""A set with an error of more cells than this counts as unknown."""
+
+MOST = 0.95
+"""Part of the nodes beside the boundary; at a crease of V a single one may be off arbitrarily."""
+
+STEEP, SHARE = 0.6, 0.05
+"""V jumps where its change across the boundary, on cells of half the size, is more than this part
+of what it was (half of it where V is smooth, all of it where it jumps), on this share of it."""
+
+STEEPER = 4.0
+"""V jumps where it changes over a cell by so many times the largest change of its start."""
+
+ORDERS = {"upwind": 1, "eno2": 2, "eno3": 3, "weno5": 5}
+"""Orders of the schemes where V is smooth."""
+
+Truths = npt.NDArray[np.bool_]
+
+
+def with_error_in_cells(found: ValueFunction, coarse: ValueFunction) -> ValueFunction:
+    """`found`, on cells of size h, with the error of its boundary, from the set on cells of 2 h.
+
+    The distance of the two boundaries is, in cells,
+
+        d = max | r_h - r_2h |   over 95 % of the nodes beside either boundary
+
+    (the nodes that have a neighbour on the other side of it), with r the distance of a node to the
+    boundary, above 0 inside: the largest box around it (as many cells along every axis) that does
+    not reach the boundary; V is linear between nodes. Where V is continuous at the boundary, a
+    scheme that converges with order 1 or more has an error of at most d. A scheme of order p smears
+    a jump over h^q, with q = p / (p + 1) (A. Harten, J. Comput. Phys. 83, 1989, for contact
+    discontinuities): there the error is d / (2^q - 1), and up to one cell more, since V is linear
+    across the jump.
+
+    jumps: whether V jumps on a part of the boundary. error_reach: the error in whole cells, at
+    least 1, by which `inner` erodes the set; 0 says that it is not known: `MOST_CELLS` are not
+    enough.
+    boundary_error: the same along every axis, in its unit. error_cells is `error_reach` where V
+    jumps: there the difference of two values says nothing about places.
+    """
+    periodic = [a.ends == "periodic" for a in found.grid.axes]
+    fine, rough = found.values(), between(coarse.values(), periodic)
+    jumps = _jumps(fine, coarse.values(), periodic)
+    apart = _distance(fine, rough, periodic)
+    if jumps:
+        order = ORDERS[found.report.scheme]
+        apart = apart / (2.0 ** (order / (order + 1)) - 1.0) + 1.0
+    reach = max(1, math.ceil(apart)) if apart <= MOST_CELLS else 0
+    lengths = {a.name: reach * a.step for a in found.grid.axes} if reach else {}
+    if jumps:
+        found = found.reported(error_cells=float(reach) if reach else None)
+    return found.reported(error_reach=reach, jumps=jumps, boundary_error=lengths)
+
+
+def _distance(values: Array, other: Array, periodic: Sequence[bool]) -> float:
+    """Of the boundaries of two sets, in cells; infinite where it is more than `MOST_CELLS`."""
+    near = beside(values, periodic) | beside(other, periodic)
+    apart = np.abs(_depths(values, periodic, near) - _depths(other, periodic, near))
+    if not len(apart):
+        return 0.0
+    return float(np.quantile(np.nan_to_num(apart, nan=math.inf), MOST, method="higher"))
+
+
+def _depths(values: Array, periodic: Sequence[bool], near: Truths) -> Array:
+    """How many cells these nodes are inside, below 0 outside; NaN beyond `MOST_CELLS`."""
+    found = np.full(int(near.sum()), np.nan)
+    low = high = values
+    for cells in range(MOST_CELLS + 1):
+        lower, higher = _spread(low, periodic, np.minimum), _spread(high, periodic, np.maximum)
+        for side, inner, outer in ((1.0, low, lower), (-1.0, high, higher)):
+            a, b = inner[near], outer[near]
+            crossed = np.isnan(found) & ((a > 0) != (b > 0))
+            found[crossed] = side * (cells + a[crossed] / (a[crossed] - b[crossed]))
+        if not np.isnan(found).any():
+            break
+        low, high = lower, higher
+    return found
+
+
+def between(rough: Array, periodic: Sequence[bool]) -> Array:
+    """Values on a grid at the nodes of one with half the cells, linear between its nodes."""
+    for i, around in enumerate(periodic):
+        rows = np.moveaxis(rough, i, 0)
+        after = np.roll(rows, -1, axis=0) if around else rows[1:]
+        found = np.empty((len(rows) + len(after), *rows.shape[1:]), dtype=rows.dtype)
+        found[::2], found[1::2] = rows, (rows[: len(after)] + after) / 2
+        rough = np.moveaxis(found, 0, i)
+    return rough
+
+
+def beside(values: Array, periodic: Sequence[bool]) -> Truths:
+    """The nodes that have one of the other side among themselves and their neighbours."""
+    inside = values > 0
+    other: Truths = _spread(inside, periodic, np.minimum) != _spread(inside, periodic, np.maximum)
+    return other
+
+
+def _jumps(fine: Array, rough: Array, periodic: Sequence[bool]) -> bool:
+    """Whether V jumps on a part of the boundary.
+
+    Looked at are the edges of the coarse grid that the boundary crosses, and the steeper of the two
+    that each is made of on the fine one.
+    """
+    steep = crossed = 0
+    thin = tuple(slice(None, None, 2) for _ in periodic)
+    for i, around in enumerate(periodic):
+        rows = np.moveaxis(fine[(*thin[:i], slice(None), *thin[i + 1 :])], i, 0)
+        ends = np.moveaxis(rough, i, 0)
+        if around:
+            rows, ends = np.concatenate([rows, rows[:1]]), np.concatenate([ends, ends[:1]])
+        changes = np.abs(np.diff(rows, axis=0))
+        steeper = np.maximum(changes[::2], changes[1::2])
+        whole = np.abs(np.diff(ends, axis=0))
+        across = (ends[1:] > 0) != (ends[:-1] > 0)
+        steep += int((steeper > STEEP * whole)[across].sum())
+        crossed += int(across.sum())
+    return steep > SHARE * crossed
+
+
+def steeper_than_its_start(value: ValueFunction) -> bool:
+    """Whether V jumps, as one grid shows it: it changes over a cell by far more than its start."""
+    return largest_change(value.values()) > STEEPER * value.report.cell > 0
+
+
+def inner(value: ValueFunction) -> ValueFunction:
+    """The value function of the set of `value`, eroded by `error_reach` cells on all sides."""
+    cells = value.report.error_reach
+    if cells is None:
+        raise SimulationError(
+            "an inner set of a value function without an estimate of its error",
+            remedy="compute it with estimate_error=True",
+        )
+    if not cells:
+        raise SimulationError(
+            f"the estimated error of the set exceeds {MOST_CELLS} cells",
+            remedy="take a finer grid",
+        )
+    data = value.dataset["value"]
+    periodic = [a.ends == "periodic" for a in value.grid.axes]
+    numbers = data.values
+    if "time" in data.dims:
+        worn = np.stack([_worn(one, periodic, cells) for one in numbers])
+    else:
+        worn = _worn(numbers, periodic, cells)
+    last = worn[-1] if "time" in data.dims else worn
+    dataset = value.dataset.assign(value=data.copy(data=worn))
+    dataset = dataset.drop_vars([n for n in ("arrival", "outside") if n in dataset])
+    worn_value = replace(value, dataset=dataset)
+    return worn_value.reported(
+        inner_cells=cells,
+        empty=not float(last.max()) > 0,
+        promise_outcome=None,
+        promise_conclusion=None,
+        promise_share=None,
+    )
+
+
+def _worn(numbers: Array, periodic: Sequence[bool], cells: int) -> Array:
+    for _ in range(cells):
+        numbers = _spread(numbers, periodic, np.minimum)
+    return numbers
+
+
+def _spread(numbers: Array, periodic: Sequence[bool], choose: Any) -> Array:
+    """The least, or the largest, over every node and its neighbours, including diagonal ones."""
+    for i, around in enumerate(periodic):
+        rows = np.moveaxis(numbers, i, 0)
+        above, below = np.roll(rows, -1, axis=0), np.roll(rows, 1, axis=0)
+        if not around:
+            above[-1], below[0] = rows[-1], rows[0]
+        numbers = np.moveaxis(choose(rows, choose(above, below)), 0, i)
+    return numbers
 
 
 @dataclass(frozen=True)
@@ -84,14 +453,14 @@ class ValueFunction:
         return tuple(a.name for a in self.grid.axes)
 
     @checked
-    def values(self, time: float | None = None) -> Array:
+    def values(self, time: float | None = None) -> DoubleArray:
         """The values at the nodes, at the end or at one of the requested times."""
         number = self._number(time)
         data = self.dataset["value"]
         data = data if number is None else data.isel(time=number)
         if self.stored is not None:
             self._check_room(data.size * data.dtype.itemsize)
-        found: Array = data.values
+        found: DoubleArray = data.values
         return found
 
     def highest(self, time: float | None = None) -> float:
@@ -104,7 +473,7 @@ class ValueFunction:
         return self.stored.highest(self._number(time))
 
     @checked
-    def at(self, states: npt.ArrayLike, time: float | None = None) -> Array:
+    def at(self, states: npt.ArrayLike, time: float | None = None) -> DoubleArray:
         """V at states of shape (count, states), linear between nodes; NaN outside the grid.
 
         Raises `SimulationError` for a state that is not finite; so do `gradient` and `contains`.
@@ -113,13 +482,13 @@ class ValueFunction:
         return values_at(self.table(time), points, self._geometry())
 
     @checked
-    def gradient(self, states: npt.ArrayLike, time: float | None = None) -> Array:
+    def gradient(self, states: npt.ArrayLike, time: float | None = None) -> DoubleArray:
         """dV/dq at states of shape (count, states): central differences, interpolated."""
         points = self._points(states)
         return slopes_at(self.table(time), points, self._geometry())
 
     @checked
-    def least_time(self, states: npt.ArrayLike) -> Array:
+    def least_time(self, states: npt.ArrayLike) -> DoubleArray:
         """The least time [s] to the goal from states of shape (count, states), of a capture basin.
 
         Linear between the nodes that reach the goal; NaN where V <= 0, and outside the grid.
@@ -233,7 +602,7 @@ class ValueFunction:
         data = (
             data.max(rest)
             if self.stored is None
-            else stored_tables.largest_over(data, rest, self.stored)
+            else stored_values.largest_over(data, rest, self.stored)
         )
         axes = tuple(a for a in self.grid.axes if a.name in names)
         return ValueFunction(data.to_dataset().assign_attrs(self.dataset.attrs), Grid(axes))
@@ -263,7 +632,7 @@ class ValueFunction:
             f"'{name}' is not an axis", expected="one of " + ", ".join(self.names)
         )
 
-    def _points(self, states: npt.ArrayLike) -> Array:
+    def _points(self, states: npt.ArrayLike) -> DoubleArray:
         points = np.ascontiguousarray(np.atleast_2d(np.asarray(states, dtype=np.float64)))
         if points.ndim != 2 or points.shape[1] != len(self.grid.axes):
             raise SimulationError(
@@ -281,7 +650,7 @@ class ValueFunction:
             return np.ascontiguousarray(self.values(time)).ravel()
         return self.stored.table(self._number(time))
 
-    def layers(self, time: float | None) -> Array | Layers:
+    def layers(self, time: float | None) -> DoubleArray | Layers:
         """The values at a time, by layer along the first axis and by places."""
         if self.stored is None:
             return self.values(time)

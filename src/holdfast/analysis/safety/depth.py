@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.analysis.reachability.node_sampler import Places
-from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.reachability.value_function import Places, ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator

@@ -11,12 +11,14 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.analysis.reachability.given import number
-from holdfast.analysis.reachability.inner_set import steeper_than_its_start
-from holdfast.analysis.reachability.node_sampler import Places
+from holdfast.analysis.reachability.grid import number
 from holdfast.analysis.reachability.problem import is_defined_so, with_disturbance
-from holdfast.analysis.reachability.stored_tables import Layers
-from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.reachability.stored_values import Layers
+from holdfast.analysis.reachability.value_function import (
+    Places,
+    ValueFunction,
+    steeper_than_its_start,
+)
 from holdfast.analysis.safety.depth import highest_within
 from holdfast.analysis.safety.sampled_value import LEVELS, patience_of, sampled_value
 from holdfast.arguments import checked

@@ -27,7 +27,7 @@ import numpy.typing as npt
 import sympy as sp
 from scipy import ndimage
 
-from holdfast.analysis.reachability.given import number
+from holdfast.analysis.reachability.grid import number
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray, Array

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.analysis.reachability.given import whole
+from holdfast.analysis.reachability.grid import whole
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.memory_estimate import check_trials
 from holdfast.analysis.reachability.value_function import ValueFunction

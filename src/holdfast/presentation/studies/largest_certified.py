@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from holdfast.analysis.certificates.largest import LargestCertified
-from holdfast.analysis.reachability.bisection import Answer
+from holdfast.analysis.reachability.solve import Answer
 
 
 def largest_text(found: LargestCertified, files: Sequence[Path] = ()) -> str:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from holdfast.analysis.reachability.bisection import Answer, Margin, Tried
+from holdfast.analysis.reachability.solve import Answer, Margin, Tried
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.presentation.figures import level_sets, style

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from holdfast.analysis.reachability.grid import Grid, grid
-from holdfast.analysis.reachability.options import Marching
+from holdfast.analysis.reachability.problem import Marching
 from holdfast.analysis.safety.safety_filter import LAWFUL, check_pace
 from holdfast.errors import ScenarioError, SimulationError, suggestion
 from holdfast.execution.simulation.settings import Settings

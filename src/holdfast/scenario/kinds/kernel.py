@@ -9,10 +9,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from holdfast.analysis.reachability import sets as problems
+from holdfast.analysis.reachability import solve as problems
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.memory_estimate import check_trials
-from holdfast.analysis.reachability.refinement import finer
+from holdfast.analysis.reachability.posed_march import finer
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.default_promise import default_promise
