@@ -17,6 +17,7 @@ import xarray as xr
 
 import holdfast as hf
 from holdfast.scenario.files import scenario_names
+from holdfast.scenario.kinds.parts import PartsScenario
 
 NODES = {1: 101, 2: 41, 3: 21, 4: 11, 5: 9, 6: 9}
 
@@ -38,13 +39,16 @@ def digest_of(name: str) -> str:
         runs = min(loaded.runs, 40) if loaded.independent_runs else None
         loaded = hf.load_scenario(name, changes, runs)
         return digest(loaded.run().dataset)
-    nodes = NODES[len(loaded.grid.axes)]
-    changes = [f"grid.nodes={nodes}"]
+    in_parts = isinstance(loaded, PartsScenario)
+    changes = [] if in_parts else [f"grid.nodes={NODES[len(loaded.grid.axes)]}"]
     if loaded.promised is not None:
         changes.append("promise.runs=40")
     result = hf.load_scenario(name, changes).run()
     said = json.dumps(result.promise.summary(), sort_keys=True) if result.promise else ""
-    return digest(result.value.dataset) + " " + hashlib.sha256(said.encode()).hexdigest()[:12]
+    parts = result.value.parts if in_parts else ()
+    values = [one.value for both in parts for one in both] or [result.value]
+    of_values = " ".join(digest(value.dataset) for value in values)
+    return of_values + " " + hashlib.sha256(said.encode()).hexdigest()[:12]
 
 
 def main() -> None:

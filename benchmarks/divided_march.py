@@ -39,9 +39,9 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.analysis.reachability.memory_estimate import disk_speed
-from holdfast.execution.level_set.runge_kutta import METHODS
+from holdfast.execution.level_set.march import METHODS
 from holdfast.execution.level_set.schemes import schemes
-from holdfast.execution.level_set.streaming import Streaming
+from holdfast.execution.level_set.sweeping import Streaming
 from holdfast.interop.march_cluster import march_cluster
 from holdfast.scenario.load import load_scenario
 

@@ -21,7 +21,7 @@ import holdfast as hf
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.analysis.reachability.solve import set_on_grid
-from holdfast.execution.level_set.runge_kutta import METHODS
+from holdfast.execution.level_set.march import METHODS
 
 Array = np.ndarray
 

@@ -7,8 +7,8 @@ import types
 import numpy as np
 import pytest
 
-from holdfast.execution.device import cuda
-from holdfast.execution.device.host import COMPILERS, HostProgram
+from holdfast.execution.device import program
+from holdfast.execution.device.program import COMPILERS, HostProgram
 
 needs_cpp = pytest.mark.skipif(
     not any(map(shutil.which, COMPILERS)), reason="there is no C++ compiler"
@@ -18,7 +18,7 @@ needs_nvcc = pytest.mark.skipif(shutil.which("nvcc") is None, reason="there is n
 
 def has_gpu():
     try:
-        cuda.cuda_device()
+        program.cuda_device()
     except Exception:  # of CuPy, of the driver, or because there is none
         return False
     return True
@@ -70,7 +70,7 @@ class StandIn(types.ModuleType):
         def function(name):
             def launch(blocks, threads, arguments):
                 self.launched += 1
-                assert threads == (cuda.THREADS,)
+                assert threads == (program.CUDA_THREADS,)
                 for a in arguments:
                     assert isinstance(a, np.ndarray) or a.nbytes == 8
                 program.run(name, blocks[0], *arguments)

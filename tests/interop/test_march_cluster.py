@@ -12,7 +12,7 @@ import pytest
 from holdfast.analysis.reachability.divided_march import PartsLostError
 from holdfast.analysis.reachability.problem import Marching
 from holdfast.errors import SimulationError
-from holdfast.execution.level_set.layers import layers
+from holdfast.execution.level_set.slab import layers
 from tests.divided_marches import basin, kernel, same
 
 distributed = pytest.importorskip("distributed")

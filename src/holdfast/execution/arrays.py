@@ -16,4 +16,4 @@ AnyArray = npt.NDArray[Any]
 Floats: TypeAlias = npt.NDArray[Any]
 Wholes: TypeAlias = npt.NDArray[Any]
 Table: TypeAlias = npt.NDArray[Any]
-"""Arrays of scalar functions (`codegen/scalar_functions.py`), of which a part is `array[k:]`."""
+"""Arrays of scalar functions (`codegen/scalar_reader.py`), of which a part is `array[k:]`."""

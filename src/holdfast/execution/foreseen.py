@@ -7,7 +7,7 @@ W is a table (`interpolate.py`), place(u) the state after a sample (`sampled_gam
 condition has corners where W has ridges, and only what has been looked up counts: the wanted
 input, then the answers of quadratic programs with the slopes of W where the last one leads
 (cutting planes), then given points of the bounds and what lies between them and the wanted input.
-These are scalar functions (`codegen/scalar_functions.py`): the closed loop, exported laws and
+These are scalar functions (`codegen/scalar_reader.py`): the closed loop, exported laws and
 Python run the same text.
 """
 

@@ -1,6 +1,6 @@
 """Values between the nodes of a grid, linear along every axis, in any dimension.
 
-These are scalar functions (`codegen/scalar_functions.py`): the closed loop, exported laws and
+These are scalar functions (`codegen/scalar_reader.py`): the closed loop, exported laws and
 Python run the same text. A grid has `axes` axes: its lowest nodes, its steps, its shape, and
 whether an axis is periodic.
 """

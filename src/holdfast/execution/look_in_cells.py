@@ -1,6 +1,6 @@
 """What is known of the cell that a state is in: scalar functions.
 
-The closed loop, exported laws and Python run the same text (`codegen/scalar_functions.py`), as they
+The closed loop, exported laws and Python run the same text (`codegen/scalar_reader.py`), as they
 do that of `interpolate.py`. Cells lie between two of the edges along each axis, both included. The
 numbers are the edges of every axis in turn, then the rows that cells refer to, `rows` rows of
 `found` - 1 numbers, then how long a cell lasts. An entry is the row of a cell; of one that is not

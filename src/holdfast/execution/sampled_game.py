@@ -7,7 +7,7 @@ sample the state is, with the numbers of a node,
 
     base_i + sum_j (gain_ij + sum_(k >= j) curve_ijk u_k) u_j + move_ri   for the disturbance r
 
-These are scalar functions (`codegen/scalar_functions.py`).
+These are scalar functions (`codegen/scalar_reader.py`).
 """
 
 from __future__ import annotations

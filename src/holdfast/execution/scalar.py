@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.execution.codegen.scalar_functions import (
+from holdfast.execution.codegen.scalar_llvm import scalars_text
+from holdfast.execution.codegen.scalar_reader import (
     ARRAYS,
     BOOL,
     FLOAT,
@@ -18,9 +19,8 @@ from holdfast.execution.codegen.scalar_functions import (
     NONE,
     TABLE,
     WHOLES,
+    scalars,
 )
-from holdfast.execution.codegen.scalar_llvm import scalars_text
-from holdfast.execution.codegen.scalar_reader import scalars
 from holdfast.execution.leaf import Machine, compiled_text
 
 _TYPES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_bool, NONE: None}

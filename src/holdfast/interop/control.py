@@ -13,7 +13,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.one_sample import Controller, OneRun
+from holdfast.execution.simulation.control_sample import Controller, OneRun
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.interop.numeric_system import Numeric, closed_expressions

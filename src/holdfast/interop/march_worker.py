@@ -21,9 +21,8 @@ from holdfast._version import __version__
 from holdfast.analysis.reachability.march_part import MarchPart
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import HoldfastError, SimulationError
-from holdfast.execution.level_set.layers import Part
-from holdfast.execution.level_set.slab import Edges
-from holdfast.execution.level_set.stage_orders import StageAnswer, StageOrder
+from holdfast.execution.level_set.slab import Edges, Part
+from holdfast.execution.level_set.sweeping import StageAnswer, StageOrder
 from holdfast.execution.working_room import Memory
 
 _serialized: Any = Serialize  # it has no types

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from holdfast.errors import ScenarioError
 from holdfast.execution.arrays import Array
-from holdfast.execution.simulation.handed import Alive
+from holdfast.execution.simulation.closed_loop import Alive
 from holdfast.host.program import TOGETHER, Programs
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching

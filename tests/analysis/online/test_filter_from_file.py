@@ -11,7 +11,7 @@ import holdfast as hf
 from holdfast.analysis.safety import safety_filter
 from holdfast.errors import OutputError, SimulationError
 from holdfast.execution import table_in_parts
-from holdfast.execution.simulation import fetching
+from holdfast.execution.simulation import blocks
 from tests.carts import BOX, STATES, WALLS, X, cart, swinging
 
 MARGIN = 0.1
@@ -215,7 +215,7 @@ def test_a_damaged_part_of_the_file_ends_the_runs_and_the_filter(both, monkeypat
 def test_an_interruption_before_the_first_line_of_a_look_up_is_not_lost(both, monkeypatch):
     """Python raises it in a function that C calls, and goes on."""
     monkeypatch.setattr(table_in_parts, "is_room_for", lambda needed: False)
-    made, left = fetching._fetching, []
+    made, left = blocks._fetching, []
 
     def interrupted(*of):
         called = made(*of)
@@ -227,7 +227,7 @@ def test_an_interruption_before_the_first_line_of_a_look_up_is_not_lost(both, mo
 
         return first
 
-    monkeypatch.setattr(fetching, "_fetching", interrupted)
+    monkeypatch.setattr(blocks, "_fetching", interrupted)
     for options, seen in (({}, [0.1, 0.2]), ({"states": ["x"]}, [0.1])):
         inside, stored = filters(both, **options)
         left[:] = [False, True]

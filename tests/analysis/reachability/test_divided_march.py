@@ -12,7 +12,7 @@ from holdfast.analysis.reachability.march_part import MarchPart
 from holdfast.analysis.reachability.memory_estimate import traffic
 from holdfast.errors import OutputError, SimulationError, SlowWarning
 from holdfast.execution import resources, working_room
-from holdfast.execution.level_set import over_grid, streaming
+from holdfast.execution.level_set import over_grid, sweeping
 from tests.divided_marches import (
     PLACE,
     ROBOT,
@@ -95,16 +95,16 @@ def test_the_stages_of_a_march_from_a_disk_follow_one_another(
     problem, options, tmp_path, monkeypatch
 ):
     whole = problem(**options)
-    monkeypatch.setattr(streaming, "NODES", 1)  # closely
+    monkeypatch.setattr(sweeping, "NODES", 1)  # closely
 
-    alone = streaming.Streaming.stage
+    alone = sweeping.Streaming.stage
 
     def stage(self, *numbers):
         """A march of one stage has nothing to follow."""
         assert self.march.method.order == 1, "a stage has gone through the arrays by itself"
         return alone(self, *numbers)
 
-    monkeypatch.setattr(streaming.Streaming, "stage", stage)
+    monkeypatch.setattr(sweeping.Streaming, "stage", stage)
     same(whole, problem(**options, on_disk=tmp_path / "new"))
     assert list((tmp_path / "new").iterdir()) == []
 
@@ -172,7 +172,7 @@ def test_where_the_value_is_not_finite_is_the_same_node():
 
 
 def test_the_disk_says_the_same_of_what_cannot_be_marched_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(streaming, "NODES", 1)
+    monkeypatch.setattr(sweeping, "NODES", 1)
     x, y = hf.symbol("x"), hf.symbol("y")
     huge = hf.Region("huge", PLACE, (hf.Inequality("c", 1e300 * (y - x**2 - 1), "m"),))
     wider = hf.Inequality("left", y - 1 - 2 * (0.3 - hf.TIME), "m")

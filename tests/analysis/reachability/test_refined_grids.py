@@ -10,7 +10,7 @@ from exact import braking, doubled, population, quantities, region, turning, uns
 
 import holdfast as hf
 from holdfast.errors import SimulationError
-from holdfast.execution.level_set.blocks import Blocks
+from holdfast.execution.level_set.refined_march import Blocks
 from holdfast.scenario.load import load_scenario
 from tests import carts
 

@@ -8,7 +8,7 @@ import pytest
 import holdfast as hf
 from holdfast.commands import run
 from holdfast.errors import HoldfastError, SimulationError
-from holdfast.execution.device import cuda, program
+from holdfast.execution.device import program
 from holdfast.scenario.load import load_scenario
 from tests.devices import StandIn, has_gpu, needs_cpp
 
@@ -35,12 +35,12 @@ def stand_in(monkeypatch):
                 raise ImportError("No module named 'cupy'")
             return module
 
-        monkeypatch.setattr(cuda.importlib, "import_module", given)
+        monkeypatch.setattr(program.importlib, "import_module", given)
         return module
 
-    cuda.cuda_device.cache_clear()
+    program.cuda_device.cache_clear()
     yield become
-    cuda.cuda_device.cache_clear()
+    program.cuda_device.cache_clear()
 
 
 def test_who_has_no_cupy_is_told_how_to_install_it(stand_in):

@@ -6,10 +6,14 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from holdfast.execution.level_set.block_code import BlockTasks
-from holdfast.execution.level_set.blocks import CROSSED, CROSSED_HIGH, CROSSED_LOW, Blocks
-from holdfast.execution.level_set.sweep_code import sweep_code
-from holdfast.execution.level_set.workers import Workers
+from holdfast.execution.level_set.refined_march import (
+    CROSSED,
+    CROSSED_HIGH,
+    CROSSED_LOW,
+    Blocks,
+    BlockTasks,
+)
+from holdfast.execution.level_set.sweeping import Workers, sweep_code
 
 GRIDS = [
     ((41,), (False,), (16,)),

@@ -5,9 +5,8 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.execution.device.host import HostDevice
-from holdfast.execution.device.program import whole_text
-from holdfast.execution.level_set.device_text import march_text
+from holdfast.execution.device.program import HostDevice, whole_text
+from holdfast.execution.level_set.device_sweeping import march_text
 from holdfast.execution.level_set.march import March, Method
 from tests.devices import accepted_by_cuda, needs_cpp, needs_nvcc
 from tests.drift_on_axes import KINDS, hamiltonian

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.execution.level_set.layers import layers
+from holdfast.execution.level_set.slab import layers
 
 SHAPES = st.one_of(
     st.tuples(st.integers(2, 300)),

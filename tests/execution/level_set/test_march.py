@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from holdfast.execution.level_set.march import March, Method
-from holdfast.execution.level_set.sweep_code import SweepCode
+from holdfast.execution.level_set.sweeping import SweepCode
 from tests.divided_marches import kernel, same
 from tests.drift_on_axes import KINDS, C, hamiltonian
 

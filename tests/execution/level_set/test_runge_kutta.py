@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from holdfast.execution.level_set.runge_kutta import METHODS, second_order
+from holdfast.execution.level_set.march import METHODS, second_order
 
 
 def taken(method, rate, value, time, dt):

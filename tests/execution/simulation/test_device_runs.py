@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.execution.device import host
+from holdfast.execution.device import program
 from holdfast.scenario.load import load_scenario
 from tests.devices import accepted_by_cuda, needs_cpp, needs_nvcc
 
@@ -49,10 +49,10 @@ def test_runs_are_the_same_in_any_number_of_launches(monkeypatch):
 def test_cuda_takes_the_same_text(tmp_path, monkeypatch):
     texts = []
 
-    def noted(text, own=host.whole_text):
+    def noted(text, own=program.whole_text):
         texts.append(own(text))
         return texts[-1]
 
-    monkeypatch.setattr(host, "whole_text", noted)
+    monkeypatch.setattr(program, "whole_text", noted)
     load_scenario("seen-guarded", [], 2).on_device("c++").run()
     accepted_by_cuda(texts[-1], tmp_path)

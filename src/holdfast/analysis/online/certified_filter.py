@@ -23,8 +23,8 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.simulation.closed_loop import Command
 from holdfast.execution.simulation.control_sample import Rows
-from holdfast.execution.simulation.handed import Command
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System

@@ -13,8 +13,8 @@ from holdfast.analysis.online.decision import Status
 from holdfast.errors import ArgumentError, SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
+from holdfast.execution.simulation.closed_loop import Alive, Command
 from holdfast.execution.simulation.control_sample import ControlSamples
-from holdfast.execution.simulation.handed import Alive, Command
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching

@@ -24,8 +24,8 @@ from holdfast.analysis.reachability.march_part import (
 from holdfast.analysis.reachability.problem import Ends, Marching, Posed
 from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.level_set.layers import Part, check_cut
-from holdfast.execution.level_set.stage_orders import StageOrder, joined
+from holdfast.execution.level_set.slab import Part, check_cut
+from holdfast.execution.level_set.sweeping import StageOrder, joined
 from holdfast.execution.resources import available_cores
 from holdfast.execution.working_room import Disk, Memory, Room
 from holdfast.maths.games.hamiltonian import Hamiltonian

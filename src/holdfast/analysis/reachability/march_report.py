@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.execution.level_set.runge_kutta import METHODS
+from holdfast.execution.level_set.march import METHODS
 
 FORWARD, INNER = "forward-reachable-set", "inner approximation"
 

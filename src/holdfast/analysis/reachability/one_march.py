@@ -19,7 +19,7 @@ same bit. A march that is divided, or on a disk, has a folder instead (`march_pa
 goes on from either, whichever is further.
 
 A scheme of high order may stand still at a ridge at which the solution moves. The same scheme held
-close to a monotone step (`execution/level_set/stage_steps.py`) converges to the solution, at the
+close to a monotone step (`execution/level_set/stage_leaf.py`) converges to the solution, at the
 price of first order at every ridge. So both are asked: with V of the march of high order and F of
 the filtered one the answer is
 
@@ -81,10 +81,9 @@ from holdfast.analysis.reachability.problem import Ends, Marching, Posed
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import OutputError, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.level_set.march import March, Method
+from holdfast.execution.level_set.march import Done, March, Method
 from holdfast.execution.level_set.over_grid import OverGrid
 from holdfast.execution.level_set.refined_march import RefinedMarch
-from holdfast.execution.level_set.settling import Done
 from holdfast.execution.working_room import Memory, Room
 from holdfast.host.writing import atomic_file, remove_left_over
 from holdfast.maths.definitions.system import System

@@ -19,16 +19,16 @@ from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import SimulationError
 from holdfast.execution.device.program import device_named
-from holdfast.execution.level_set.layers import Part
 from holdfast.execution.level_set.march import March
 from holdfast.execution.level_set.over_grid import OverGrid
 from holdfast.execution.level_set.refined_march import STRETCH, RefinedMarch
-from holdfast.execution.level_set.units import layout
+from holdfast.execution.level_set.slab import Part
+from holdfast.execution.level_set.sweeping import layout
 from holdfast.execution.resources import available_cores
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
 LEEWAY = 0.08, 5.0, 6.0
-"""Of a filtered march (`stage_steps.py`): the largest share of the largest rate of the start value
+"""Of a filtered march (`stage_leaf.py`): the largest share of the largest rate of the start value
 by which rates may be apart, the same times the cells of an axis, and how much a kink within a cell
 counts beside a curvature that changes the slope as much."""
 

@@ -22,8 +22,8 @@ from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.device.program import DEVICES
 from holdfast.execution.level_set.march import Method
 from holdfast.execution.level_set.over_grid import over_grid
-from holdfast.execution.level_set.rate_leaves import DISSIPATIONS
 from holdfast.execution.level_set.schemes import schemes
+from holdfast.execution.level_set.stage_leaf import DISSIPATIONS
 from holdfast.maths.control.outward_rates import check_states
 from holdfast.maths.definitions.bounds import section
 from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters
@@ -306,7 +306,7 @@ class Posed:
     the value is wanted, the last of them the horizon; several: whether all are kept.
     arrival_steps: how often it is looked which nodes are new. beyond: what leaving the grid is
     taken for, "lost" or "won"; "" continues the value. filtered: whether its rate is held close to
-    that of a monotone step (`execution/level_set/stage_steps.py`). steps: how it is marched, if not
+    that of a monotone step (`execution/level_set/stage_leaf.py`). steps: how it is marched, if not
     as its options say.
 
     Time t runs from start_time to start_time + horizon. A problem is marched from its end, so that

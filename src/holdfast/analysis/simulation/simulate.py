@@ -20,8 +20,7 @@ from holdfast.errors import GainWarning, ModelWarning, SimulationError, suggesti
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.resources import Progress
-from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.handed import Command, Commander, commander_of
+from holdfast.execution.simulation.closed_loop import ClosedLoop, Command, Commander, commander_of
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.maths.definitions.bounds import Bounds

@@ -13,10 +13,9 @@ from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, cl
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.loop_text import RING
 from holdfast.execution.codegen.lowering import leaf_of
-from holdfast.execution.simulation.block_numbers import BlockNumbers, Whole
-from holdfast.execution.simulation.kind import Kind
+from holdfast.execution.simulation.blocks import BlockNumbers, Whole
 from holdfast.execution.simulation.layout import LATE, RECORDS, Layout, shape_of
-from holdfast.execution.simulation.loop import built
+from holdfast.execution.simulation.loop import Kind, built
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.execution.table_in_parts import in_memory

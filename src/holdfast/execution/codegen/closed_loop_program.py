@@ -1,23 +1,32 @@
 """A system under a law as the leaves of its closed loop, which `simulation/loop.py` calls.
 
 A leaf takes the parameters as columns, so that a sweep over gains or currents compiles once.
+
+Values that several leaves need are computed once, as rows of their own. prepared: what depends on
+the parameters alone and has a quotient or a root in it; it is computed once for each run. shared:
+what the leaves of several modes, and those of no mode, need of one sample, such as the sine of a
+heading or the gradient of a field; it is computed once for each sample. A leaf reads these rows
+behind those of its parameters `p` and of what the law sees, `q`.
+
+A disturbance is a number, a function of time, or a field d(t, q, p). A field is evaluated at the
+true state of the plant: its rates at every stage of a step, what a law measures of it at the state
+and the time that the law sees, without noise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import sympy as sp
 
 from holdfast.errors import SimulationError, suggestion
-from holdfast.execution.arithmetic.steps import Steps
+from holdfast.execution.arithmetic.steps import FLOAT, Step, Steps, Value
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
-from holdfast.execution.codegen.felt_disturbance import FeltDisturbance, felt_disturbance
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import leaf_of
-from holdfast.execution.codegen.shared_rows import PREPARED, SHARED, with_shared_rows
 from holdfast.execution.simulation.steppers import Tableau
 from holdfast.maths.control.outward_rates import check_reads
 from holdfast.maths.definitions.law import GainCondition, Law
@@ -36,6 +45,172 @@ from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.traversal import exchanged, symbols_of
+
+
+@dataclass(frozen=True)
+class FeltDisturbance:
+    """What a plant feels of each disturbance, in the order of the system.
+
+    expressions: of t, states, parameters and the symbols of `given`, numbers that are handed over
+    as parameters are, so that another current needs no new program. in_run: whether it varies
+    within a run; of_state: whether it is a field of the state. bounded: how many have to be
+    watched during a run, since only the states that are reached tell whether a field keeps its
+    bounds.
+    """
+
+    expressions: tuple[sp.Expr, ...]
+    given: Mapping[sp.Symbol, float]
+    in_run: bool
+    of_state: bool
+    bounded: int
+
+    def excess(self, system: System) -> list[sp.Expr]:
+        """How far the disturbance is outside its bounds, above 0 where it is, then its values."""
+        if not self.bounded:
+            return []
+        assert system.disturbance_bounds is not None
+        nearest = system.disturbance_bounds.saturate(self.expressions)
+        pairs = zip(self.expressions, nearest, strict=True)
+        beyond = sp.Add(*((e - n) ** 2 for e, n in pairs))
+        size = sp.Add(*(e**2 for e in self.expressions))
+        return [beyond - SLACK**2 * size, *self.expressions]
+
+
+SLACK = sp.Float(1e-9)
+"""The share of its size by which a value may exceed its bounds: that of `Bounds.contains`."""
+
+
+def felt_disturbance(
+    system: System, disturbance: Mapping[str, sp.Expr], parameters: Iterable[sp.Symbol]
+) -> FeltDisturbance:
+    """The given disturbances, those not named 0.
+
+    Raises `SimulationError` for an expression of anything but t, states and parameters.
+    """
+    own = [sp.sympify(disturbance.get(q.name, 0)) for q in system.disturbances]
+    states, known = {q.symbol for q in system.states}, set(parameters)
+    for q, expression in zip(system.disturbances, own, strict=True):
+        unknown = sorted(map(str, expression.free_symbols - known - states - {TIME}))
+        if unknown:
+            raise SimulationError(
+                f"disturbance '{q.name}' uses '{unknown[0]}'",
+                expected="an expression of t, states of the plant and declared parameters",
+                remedy=suggestion(unknown[0], sorted(map(str, known | states))),
+            )
+    names = [q.name for q in system.disturbances]
+    numbers = [
+        n in disturbance and e.is_Number and e.is_finite for n, e in zip(names, own, strict=True)
+    ]
+    used = set().union(*(e.free_symbols for e in own)) if own else set()
+    of_state = bool(used & states)
+    as_symbols = {n: sp.Symbol(f"_given_{n}", real=True) for n in names}  # no user name begins so
+    return FeltDisturbance(
+        expressions=tuple(
+            as_symbols[n] if is_number else e
+            for n, e, is_number in zip(names, own, numbers, strict=True)
+        ),
+        given={
+            as_symbols[n]: float(e)
+            for n, e, is_number in zip(names, own, numbers, strict=True)
+            if is_number
+        },
+        in_run=of_state or TIME in used,
+        of_state=of_state,
+        bounded=len(own) if of_state and system.disturbance_bounds is not None else 0,
+    )
+
+
+PREPARED, SHARED = "prepared", "shared"
+COSTLY = frozenset(("div", "sqrt", "rare"))
+FEW = 2
+"""Operations that are not worth a row."""
+
+
+def with_shared_rows(
+    leaves: Mapping[str, Leaf], prepared: Iterable[str], users: Mapping[str, object]
+) -> dict[str, Leaf]:
+    """The leaves, of the same steps, with those that compute rows for several of them.
+
+    prepared: the leaves whose parameters are rows of a block. users: the leaves that are computed
+    at a sample, each with who uses it; what two users need is shared.
+    """
+    found = dict(leaves)
+    steps = next(iter(leaves.values())).steps
+    about = _About(steps)
+    ready = [name for name in prepared if name in leaves]
+    constant = {
+        k for name in ready for k in _needed(found[name]) if about.is_prepared(k)
+    }  # fmt: skip
+    _cut(found, ready, constant, about, PREPARED, "p", ("p",))
+    sharing = [name for name in users if name in leaves]
+    by: dict[int, set[object]] = defaultdict(set)
+    for name in sharing:
+        for k in _needed(found[name]):
+            by[k].add(users[name])
+    common = {k for k, own in by.items() if len(own) > 1 and "x" not in about.reads[k]}
+    _cut(found, sharing, common, about, SHARED, "q", ("t", "q", "p"))
+    return found
+
+
+class _About:
+    """What each step depends on: the arrays that it reads, and the operations below it."""
+
+    def __init__(self, steps: Steps) -> None:
+        self.list: list[Step] = steps.list
+        self.reads: list[frozenset[str]] = []
+        self.costly: list[bool] = []
+        self.size: list[int] = []
+        for step in self.list:
+            own = frozenset(step.given[0]) if step.operation == "input" else frozenset()
+            self.reads.append(own.union(*(self.reads[a] for a in step.arguments)))
+            below = [self.costly[a] for a in step.arguments]
+            self.costly.append(step.operation in COSTLY or any(below))
+            work = step.operation not in ("input", "constant")
+            self.size.append(work + sum(self.size[a] for a in step.arguments))
+
+    def is_prepared(self, k: int) -> bool:
+        return self.costly[k] and self.reads[k] == {"p"}
+
+
+def _needed(leaf: Leaf) -> list[int]:
+    return leaf.steps.needed([v.number for v in leaf.results], leaf.read)
+
+
+def _cut(
+    leaves: dict[str, Leaf], names: Sequence[str], inner: set[int], about: _About, new: str,
+    array: str, arguments: Sequence[str],
+) -> None:  # fmt: skip
+    """Let the leaves read the values of `inner` that they use from rows of the leaf `new`."""
+    rows: dict[int, str] = {}
+    for name in names:
+        leaf = leaves[name]
+        waiting, done = [v.number for v in leaf.results], set[int]()
+        while waiting:
+            k = waiting.pop()
+            if k in done or k in leaf.read:
+                continue
+            done.add(k)
+            step = about.list[k]
+            if k in inner and step.kind == FLOAT and about.size[k] > FEW:
+                rows.setdefault(k, f"{new}{len(rows)}")
+            else:
+                waiting.extend(step.arguments)
+    if not rows:
+        return
+    some = leaves[names[0]]
+    values = [Value(some.steps, k, FLOAT) for k in rows]
+    given = {a: next(v for n in names if (v := leaves[n].arguments[a])) for a in arguments}
+    given |= {a: () for a in some.arguments if a not in given}
+    order = {a: given[a] for a in some.arguments}
+    read = {k: row for n in names for k, row in leaves[n].read.items()}
+    for name in names:
+        leaf = leaves[name]
+        behind = {
+            **leaf.arguments,
+            array: (*(leaf.arguments[array] or given[array]), *rows.values()),
+        }
+        leaves[name] = replace(leaf, arguments=behind, read={**leaf.read, **rows})
+    leaves[new] = Leaf(some.steps, order, values, read=read)
 
 
 @dataclass(frozen=True)
@@ -286,7 +461,7 @@ def _leaves(
     | constraint_rates | | state | dq/dt | of the plant | dc_j/dt |
     | goal | | state | | of the plant | level |
     | varied | | | | of the plant | values |
-    | prepared, shared | time | seen | | both | see `shared_rows.py` |
+    | prepared, shared | time | seen | | both | see the top |
     """
     system, switching = controller.system, controller.switching
     q = [s.symbol for s in system.states]

@@ -6,7 +6,7 @@ import ast
 import math
 from collections.abc import Iterable, Sequence
 
-from holdfast.execution.codegen.scalar_functions import (
+from holdfast.execution.codegen.scalar_reader import (
     ARRAYS,
     BOOL,
     FLOAT,

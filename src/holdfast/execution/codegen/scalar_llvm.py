@@ -3,14 +3,286 @@
 from __future__ import annotations
 
 import ast
+import math
+import struct
 from collections.abc import Iterable, Sequence
 
-from holdfast.execution.codegen.scalar_functions import (
+from holdfast.execution.codegen.scalar_reader import (
     ARRAYS,
+    BOOL,
+    FLAGS,
+    FLOAT,
+    INT,
+    MACHINE,
+    NONE,
+    TABLE,
+    VALUE,
     ScalarFunction,
     Scalars,
+    common,
 )
-from holdfast.execution.codegen.scalar_values import SIZES, Instructions
+
+_TESTS = {
+    ast.Lt: ("slt", "olt"), ast.LtE: ("sle", "ole"), ast.Gt: ("sgt", "ogt"),
+    ast.GtE: ("sge", "oge"), ast.Eq: ("eq", "oeq"), ast.NotEq: ("ne", "une"),
+}  # fmt: skip
+_ARITHMETIC = {
+    ast.Add: ("add", "fadd"), ast.Sub: ("sub", "fsub"), ast.Mult: ("mul", "fmul"),
+    ast.Div: ("", "fdiv"), ast.Mod: ("srem", ""), ast.FloorDiv: ("sdiv", ""),
+    ast.RShift: ("ashr", ""), ast.LShift: ("shl", ""), ast.BitAnd: ("and", ""),
+    ast.BitOr: ("or", ""),
+}  # fmt: skip
+_CONTRACTED = (ast.Add, ast.Sub, ast.Mult)
+SIZES = {"double": 8, "float": 4, "i64": 8, "i8": 1}
+
+
+class Instructions:
+    """Those of a function, in order. Variables are on the stack; LLVM's passes take registers.
+
+    single: whether a `Value` is in single precision. fused: whether products and sums may be
+    contracted.
+    """
+
+    def __init__(
+        self, known: Scalars, function: ScalarFunction, *, single: bool, fused: bool
+    ) -> None:
+        self.known, self.function, self.single, self.fused = known, function, single, fused
+        self.types = {INT: "i64", FLOAT: "double", BOOL: "i1", NONE: "void"}
+        self.types |= {VALUE: "float" if single else "double", **dict.fromkeys(ARRAYS, "ptr")}
+        self.lines: list[str] = []
+        self.slots: list[str] = []
+        self.count = 0
+
+    def entry(self, array: str) -> str:
+        """The type of the entries of an array."""
+        if array == TABLE:
+            return self.types[VALUE]
+        return "i8" if array == FLAGS else self.types[ARRAYS[array]]
+
+    def kind(self, node: ast.expr) -> str:
+        return self.function.kinds[node]
+
+    def value(self, node: ast.expr) -> str:
+        kind = self.kind(node)
+        if isinstance(node, ast.Constant) and isinstance(node.value, bool):
+            return "true" if node.value else "false"
+        value = self.function.number(node)
+        if value is not None:
+            return str(value) if kind == INT else _hexadecimal(float(value))
+        if isinstance(node, ast.Subscript) and not isinstance(node.slice, ast.Slice):
+            return self._loaded(node)
+        match node:
+            case ast.Name(id=name):
+                return self.named(f"load {self.types[kind]}, ptr %x.{name}")
+            case ast.Subscript(slice=ast.Slice()):
+                return self.place(node)
+            case ast.BinOp(left=left, op=op, right=right):
+                return self.binary(op, self.value(left), self.kind(left), right)[0]
+            case ast.UnaryOp(op=ast.Not(), operand=inner):
+                return self.named(f"xor i1 {self.truth(inner)}, true")
+            case ast.UnaryOp(op=ast.USub(), operand=inner):
+                given = self.value(inner)
+                return self.named(
+                    f"sub i64 0, {given}" if kind == INT else f"fneg {self.types[kind]} {given}"
+                )
+            case ast.Compare(left=left, ops=tests, comparators=others):
+                return self._compared(left, tests, others)
+            case ast.BoolOp(op=op, values=values):
+                return self._joined(isinstance(op, ast.And), values)
+            case ast.IfExp(test=test, body=a, orelse=b):
+                return self._chosen(kind, test, a, b)
+            case ast.Call(args=arguments):
+                return self._called(self.function.calls[node], kind, arguments)
+        raise AssertionError(ast.dump(node))
+
+    def _loaded(self, node: ast.Subscript) -> str:
+        assert isinstance(node.value, ast.Name)
+        array = self.function.kind(node.value.id)
+        of = self.entry(array)
+        found = self.named(f"load {of}, ptr {self.place(node)}, align {SIZES[of]}")
+        if of == "i8":
+            return self.named(f"zext i8 {found} to i64")
+        own = self.types[ARRAYS[array]]
+        return found if of == own else self.named(f"fpext {of} {found} to {own}")
+
+    def binary(self, op: ast.operator, left: str, kind: str, right: ast.expr) -> tuple[str, str]:
+        other, of = self.value(right), self.kind(right)
+        own = common({kind, of} | ({FLOAT} if isinstance(op, ast.Div) else set()))
+        real = own != INT
+        a, b = self.converted(left, kind, own), self.converted(other, of, own)
+        contract = "contract " if self.fused and real and isinstance(op, _CONTRACTED) else ""
+        how = _ARITHMETIC[type(op)][real]
+        return self.named(f"{how} {contract}{self.types[own]} {a}, {b}"), own
+
+    def _compared(
+        self, left: ast.expr, tests: Sequence[ast.cmpop], others: Sequence[ast.expr]
+    ) -> str:
+        values = [(self.value(one), self.kind(one)) for one in (left, *others)]
+        found = ""
+        for (a, ka), test, (b, kb) in zip(values, tests, values[1:], strict=False):
+            kind = common({ka, kb})
+            real = kind != INT
+            text = f"{'fcmp' if real else 'icmp'} {_TESTS[type(test)][real]} {self.types[kind]}"
+            one = self.named(f"{text} {self.converted(a, ka, kind)}, {self.converted(b, kb, kind)}")
+            found = self.named(f"and i1 {found}, {one}") if found else one
+        return found
+
+    def _joined(self, every: bool, values: Sequence[ast.expr]) -> str:
+        at, (end,) = self.slot("i1"), self.labels("end")
+        for one in values:
+            found, (more,) = self.truth(one), self.labels("more")
+            self.line(f"store i1 {found}, ptr {at}")
+            self.branch(found, *((more, end) if every else (end, more)))
+            self.begin(more)
+        self.jump(end)
+        self.begin(end)
+        return self.named(f"load i1, ptr {at}")
+
+    def _chosen(self, kind: str, test: ast.expr, a: ast.expr, b: ast.expr) -> str:
+        at, (one, two, end) = self.slot(self.types[kind]), self.labels("one", "two", "end")
+        self.branch(self.truth(test), one, two)
+        for label, node in ((one, a), (two, b)):
+            self.begin(label)
+            value = self.converted(self.value(node), self.kind(node), kind)
+            self.line(f"store {self.types[kind]} {value}, ptr {at}")
+            self.jump(end)
+        self.begin(end)
+        return self.named(f"load {self.types[kind]}, ptr {at}")
+
+    def _called(self, name: str, kind: str, arguments: Sequence[ast.expr]) -> str:
+        values = [self.value(a) for a in arguments]
+        kinds = [self.kind(a) for a in arguments]
+        if name in self.known.functions:
+            called = self.known.functions[name]
+            given = ", ".join(
+                f"{self.types[own]} {self.converted(v, k, own)}"
+                for v, k, own in zip(values, kinds, called.parameters.values(), strict=True)
+            )
+            text = f"call {self.types[called.result]} @{name}({given})"
+            if called.result != NONE:
+                return self.named(text)
+            self.line(text)
+            return ""
+        if name in MACHINE:
+            return self._machine(name, values, arguments)
+        wanted = kind if name in ("abs", "min", "max") else FLOAT
+        if name != "int":
+            values = [self.converted(v, k, wanted) for v, k in zip(values, kinds, strict=True)]
+        match name:
+            case "float":
+                return values[0]
+            case "int":
+                return self._whole(values[0], kinds[0])
+            case "math.sqrt" | "math.floor":
+                return self.named(f"call double @llvm.{name[5:]}.f64(double {values[0]})")
+            case "abs" if kind == INT:
+                less = self.named(f"sub i64 0, {values[0]}")
+                negative = self.named(f"icmp slt i64 {values[0]}, 0")
+                return self.named(f"select i1 {negative}, i64 {less}, i64 {values[0]}")
+            case "abs":
+                of = self.types[kind]
+                bits = {"double": 64, "float": 32}[of]
+                return self.named(f"call {of} @llvm.fabs.f{bits}({of} {values[0]})")
+            case "math.isnan":
+                return self.named(f"fcmp uno double {values[0]}, 0.0")
+            case "math.isfinite":
+                size = self.named(f"call double @llvm.fabs.f64(double {values[0]})")
+                return self.named(f"fcmp olt double {size}, {_hexadecimal(math.inf)}")
+            case "min" | "max":  # as in Python: the first, unless the second is beyond it
+                of, real = self.types[kind], kind != INT
+                test = {"min": ("slt", "olt"), "max": ("sgt", "ogt")}[name][real]
+                compare = "fcmp" if real else "icmp"
+                beyond = self.named(f"{compare} {test} {of} {values[1]}, {values[0]}")
+                return self.named(f"select i1 {beyond}, {of} {values[1]}, {of} {values[0]}")
+        raise AssertionError(name)
+
+    def _machine(self, name: str, values: list[str], arguments: Sequence[ast.expr]) -> str:
+        match name:
+            case "address":
+                array = self.kind(arguments[0])
+                place = self._offset(array, values[0], values[1])
+                return self.named(f"ptrtoint ptr {place} to i64")
+            case "call":
+                where = self.named(f"inttoptr i64 {values[0]} to ptr")
+                self.line(f"call void {where}({', '.join(f'i64 {v}' for v in values[1:])})")
+                return ""
+            case "copy":
+                array = self.kind(arguments[0])
+                source = self._offset(array, values[0], values[1])
+                target = self._offset(array, values[3], values[4])
+                size = self.named(f"mul i64 {values[2]}, {SIZES[self.entry(array)]}")
+                given = f"ptr {target}, ptr {source}, i64 {size}, i1 false"
+                self.line(f"call void @llvm.memmove.p0.p0.i64({given})")
+                return ""
+            case "take":
+                return self.named(f"atomicrmw add ptr {values[0]}, i64 1 monotonic")
+            case "look":
+                return self.named(f"load atomic i64, ptr {values[0]} acquire, align 8")
+        return self.named(f"inttoptr i64 {values[0]} to ptr")
+
+    def _offset(self, array: str, first: str, index: str) -> str:
+        return self.named(f"getelementptr {self.entry(array)}, ptr {first}, i64 {index}")
+
+    def _whole(self, value: str, kind: str) -> str:
+        return value if kind == INT else self.named(f"fptosi double {value} to i64")
+
+    def truth(self, node: ast.expr) -> str:
+        value = self.value(node)
+        return self.named(f"icmp ne i64 {value}, 0") if self.kind(node) == INT else value
+
+    def converted(self, value: str, kind: str, wanted: str) -> str:
+        of, to = self.types[kind], self.types[wanted]
+        if of == to:
+            return value
+        how = {
+            ("i64", "double"): "sitofp", ("i64", "float"): "sitofp", ("float", "double"): "fpext",
+            ("double", "float"): "fptrunc", ("i1", "i64"): "zext",
+        }[of, to]  # fmt: skip
+        return self.named(f"{how} {of} {value} to {to}")
+
+    def place(self, node: ast.expr) -> str:
+        assert isinstance(node, ast.Subscript)
+        assert isinstance(node.value, ast.Name)
+        array = self.named(f"load ptr, ptr %x.{node.value.id}")
+        index = node.slice.lower if isinstance(node.slice, ast.Slice) else node.slice
+        if index is None:
+            return array
+        return self._offset(self.function.kind(node.value.id), array, self.value(index))
+
+    # -- lines
+
+    def slot(self, of: str) -> str:
+        """A place on the stack, which belongs to the whole function."""
+        self.count += 1
+        self.slots.append(f"  %s{self.count} = alloca {of}")
+        return f"%s{self.count}"
+
+    def named(self, text: str) -> str:
+        self.count += 1
+        self.line(f"%v{self.count} = {text}")
+        return f"%v{self.count}"
+
+    def labels(self, *names: str) -> list[str]:
+        self.count += 1
+        return [f"{name}.{self.count}" for name in names]
+
+    def branch(self, condition: str, one: str, two: str) -> None:
+        self.line(f"br i1 {condition}, label %{one}, label %{two}")
+
+    def jump(self, label: str) -> None:
+        self.line(f"br label %{label}")
+
+    def begin(self, label: str) -> None:
+        self.lines.append(f"{label}:")
+
+    def line(self, text: str) -> None:
+        self.lines.append(f"  {text}")
+
+
+def _hexadecimal(value: float) -> str:
+    (pattern,) = struct.unpack("<Q", struct.pack("<d", value))
+    return f"0x{pattern:016X}"
+
 
 _DECLARED = (
     "declare double @llvm.sqrt.f64(double)",

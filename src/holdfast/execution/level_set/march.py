@@ -1,12 +1,21 @@
 """A value on a grid marched in time, in parallel, skipping what is settled.
 
-    dW/dtau = H(tau, q, grad W),   limited to one sign where the problem says so,
+dW/dtau = H(tau, q, grad W),   limited to one sign where the problem says so,
     and after every stage   lower <= W <= upper,   floor <= W <= ceiling
 
 A stretch of nodes is computed again only if something that it depends on has changed since. Where
 nothing has, the same numbers would come out, so the answer is that of the full march. Where the
 Hamiltonian or a bound depends on time t, of a clock that runs with tau or against it, all is
 computed, with steps that are stable at every stage.
+
+Its steps are Runge-Kutta methods that are convex combinations of Euler steps. With a step dt and
+the rate R of the value, a stage of the share h of the step is
+
+    W <- W_0 + weight ((W - W_0) + h dt R(W)),    W_0 the value that the step begins with
+
+so that what an Euler step of length h dt keeps, such as the order of two values, the whole step
+keeps. Of the methods of an order with few stages these have the longest steps for their stages
+(J. F. B. M. Kraaijevanger, BIT 31, 1991; D. I. Ketcheson, SIAM J. Sci. Comput. 30, 2008).
 """
 
 from __future__ import annotations
@@ -15,7 +24,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -25,22 +34,189 @@ import numpy.typing as npt
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.device.program import Device
-from holdfast.execution.level_set.device_sweeping import DeviceSweeping
-from holdfast.execution.level_set.device_text import device_layout
-from holdfast.execution.level_set.march_leaves import MarchLeaves
+from holdfast.execution.leaf import compiled_leaves, compiled_text
+from holdfast.execution.level_set.device_sweeping import DeviceSweeping, device_layout
 from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
-from holdfast.execution.level_set.runge_kutta import LONG, METHODS, RungeKutta
-from holdfast.execution.level_set.schemes import schemes
-from holdfast.execution.level_set.settling import Done
-from holdfast.execution.level_set.stage_orders import Stages
-from holdfast.execution.level_set.streaming import Streaming
-from holdfast.execution.level_set.sweep_code import sweep_code
-from holdfast.execution.level_set.sweeping import Sweeping
-from holdfast.execution.level_set.units import layout
+from holdfast.execution.level_set.schemes import Scheme, schemes
+from holdfast.execution.level_set.stage_leaf import Stage, rate_leaves, stage_text
+from holdfast.execution.level_set.sweeping import Stages, Streaming, Sweeping, layout, sweep_code
 from holdfast.execution.working_room import Room
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
+
+LIMITS = {"free": (-math.inf, math.inf), "shrink": (-math.inf, 0.0), "grow": (0.0, math.inf)}
+"""The limits of dW/dt: none, never above zero, never below."""
+
+Numbers = npt.NDArray[np.int64]
+
+
+class MarchLeaves:
+    """The leaves of a Hamiltonian with a scheme.
+
+    limit: a name in `LIMITS`; one_stage: whether a step has one; filtered: whether the rate is held
+    close to that of a monotone step (`stage_leaf.py`).
+    """
+
+    def __init__(
+        self,
+        hamiltonian: Hamiltonian,
+        parameters: Sequence[Parameter],
+        scheme: Scheme,
+        *,
+        dissipation: str,
+        limit: str,
+        one_stage: bool,
+        precision: str,
+        filtered: bool,
+    ) -> None:
+        self._rates = rate_leaves(
+            hamiltonian,
+            parameters,
+            dissipation=dissipation,
+            filtered=filtered,
+            one_slope=scheme.one_slope,
+            precision=precision,
+        )
+        self._scheme, self._limit, self._one_stage = scheme, limit, one_stage
+        self._precision, self._filtered = precision, filtered
+        self._axes = len(hamiltonian.costates)
+
+    @property
+    def of_row(self) -> int:
+        """How many numbers depend on a row of the last axis, or on outer axes."""
+        return self._rates.of_row + self._rates.outer
+
+    def stage(self, *, lower: bool, upper: bool) -> Stage:
+        """The arithmetic of a stage; lower, upper: whether there are such bounds at nodes."""
+        return Stage(
+            self._rates,
+            axes=self._axes,
+            one_slope=self._scheme.one_slope,
+            filtered=self._filtered,
+            limits=LIMITS[self._limit],
+            side=1.0 if self._limit == "shrink" else -1.0,
+            from_start=self._one_stage,
+            lower=lower,
+            upper=upper,
+        )
+
+    def found(self, *, lower: bool, upper: bool) -> tuple[Numbers, Numbers, Numbers]:
+        """The addresses of leaves, with a stage and one that measures; the sizes of a sweep."""
+        stage, scheme = self.stage(lower=lower, upper=upper), self._scheme
+        of_scheme = {}
+        if not scheme.one_slope:
+            of_scheme["scheme"] = scheme.leaf(self._precision, plain=stage.filtered)
+        self._leaves = compiled_leaves({**self._rates.leaves, **of_scheme})  # they hold the code
+        self._stage, of = compiled_text(stage_text(stage)), self._leaves.addresses
+        plain, measured = (
+            np.array([of["along"], of["rows"], self._stage.address(name), of.get("scheme", 0)])
+            for name in ("holdfast_stage", "holdfast_measured")
+        )
+        rates = self._rates
+        of_nodes = [rates.along, rates.of_row, rates.outer]
+        sizes = [*of_nodes, scheme.ghosts, stage.lanes, int(stage.filtered)]
+        return plain, measured, np.array(sizes)
+
+
+EIGHTHS = 8
+"""Parts of a doubling of the steps for which the largest speed is kept."""
+
+LEAST_DECAY = 0.25
+"""The speed of what slows down falls at least as t to the power of minus this."""
+
+
+@dataclass
+class Done:
+    """time [s], steps; speeds: how fast the set moved [cells/s], at most, in each eighth of a
+    doubling of the steps; last: when that was looked at last; still_since: the step since
+    which it is still, 0 where it is not; fixed: whether no node changed in the last step;
+    measured: whether it was looked how fast the set moved in it;
+    computed: stretches of nodes computed, of how many a full march would
+    have; seconds: of wall time."""
+
+    time: float = 0.0
+    steps: int = 0
+    speeds: list[float] = field(default_factory=list)
+    last: float = math.inf
+    still_since: int = 0
+    computed: int = 0
+    of: int = 0
+    seconds: float = 0.0
+    stopped: bool = False
+    converged: bool = False
+    fixed: bool = False
+    measured: bool = False
+
+    def moved(self, speed: float) -> None:
+        """Take down how fast the set moved in the last step."""
+        self.last = speed
+        place = int(EIGHTHS * math.log2(self.steps))
+        self.speeds += [0.0] * (place + 1 - len(self.speeds))
+        self.speeds[place] = max(self.speeds[place], speed)
+
+    @property
+    def speed(self) -> float:
+        """The recent speed of the set [cells/s], over an eighth of a doubling or more."""
+        return max(self.speeds[-2:], default=math.inf)
+
+    @property
+    def slows(self) -> bool:
+        """Whether the set moves slower than it did a doubling, half and a quarter of one ago.
+
+        A drift that is small beside all speeds goes on for ever at the same speed, while what
+        comes to rest, or is worn off by the scheme, slows down.
+        """
+        now = self.speed
+        for back in (EIGHTHS, EIGHTHS // 2, EIGHTHS // 4):
+            then = max(self.speeds[:-back][-2:], default=0.0)
+            if now > then * 2.0 ** (-LEAST_DECAY * back / EIGHTHS):
+                return False
+        return True
+
+    def settled(self, still: bool) -> bool:
+        """Whether the march has been still for a quarter of a doubling of the steps, until now.
+
+        To be called after every step that is measured.
+        """
+        if not still:
+            self.still_since = 0
+        elif not self.still_since:
+            self.still_since = self.steps
+        return still and self.steps >= 2.0 ** (2 / EIGHTHS) * self.still_since
+
+
+@dataclass(frozen=True)
+class RungeKutta:
+    """stages: of each the weight, and the share of the step at which its rate is taken; lengths:
+    how many times an Euler step a step is as long."""
+
+    stages: tuple[tuple[float, float], ...]
+    lengths: int
+
+    @property
+    def share(self) -> float:
+        """Of the step, that of a stage."""
+        return 1.0 / self.lengths
+
+
+def second_order(stages: int) -> RungeKutta:
+    """So many stages, steps as long as one Euler step less."""
+    lengths = stages - 1
+    weights = [1.0] * lengths + [lengths / stages]
+    return RungeKutta(tuple((w, k / lengths) for k, w in enumerate(weights)), lengths)
+
+
+METHODS = {
+    1: RungeKutta(((1.0, 0.0),), 1),
+    2: second_order(3),
+    3: RungeKutta(((1.0, 0.0), (1.0, 0.5), (1.0 / 3.0, 1.0), (1.0, 0.5)), 2),
+}
+"""By order."""
+
+LONG = second_order(4)
+"""Of second order, as long as three Euler steps."""
+
 
 ENDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
 """The continuation beyond the ends of an axis; the numbers of `stencils.py`."""
@@ -110,7 +286,7 @@ class March:
         cut: the units of the last two axes, where they are not those of `layout`. fastest: the
         largest speeds at times t, and the largest sum of them over the steps, from elsewhere.
         filtered: whether the rate of a scheme of high order is held close to that of a monotone
-        step (`stage_steps.py`). start_rate: the largest rate of the start value, for that.
+        step (`stage_leaf.py`). start_rate: the largest rate of the start value, for that.
         leeway: for that, the share of it by which rates may be apart, and how much a kink counts.
         falls: of every axis, how steeply what a set is kept within falls beyond
         the lower and the upper end [its unit per unit of the state], and down to what.
@@ -258,7 +434,7 @@ class March:
 
         refresh: has the bounds at nodes, if they move, be those of a time t from the next stage on.
         nearest: distances from zero below it are rounding; the speed of the set is not relative to
-        less (`stage_steps.py`).
+        less (`stage_leaf.py`).
         `tell(done)` is called after every step, and ends the march where it gives True.
         done: what has been done of the same march, up to these values; it goes on from there.
         """
@@ -319,7 +495,7 @@ class March:
         return np.concatenate([[self._time(tau)], self.p, self.speeds])
 
     def numbers(self, dt: float, weight: float, within: tuple[float, float, float]) -> Array:
-        """Those of a stage of a step of dt (`stage_steps.py`). within: floor, ceiling, nearest."""
+        """Those of a stage of a step of dt (`stage_leaf.py`). within: floor, ceiling, nearest."""
         per_axis = (0.5 / self.steps, self.steps, *self.falls)
         of_filter = (self.leeway, self.share, self.bent)
         of_step = (dt * self.method.steps.share, weight, *within)

@@ -14,6 +14,10 @@ The boundary crosses at most a cell in an Euler step, so that it stays within th
 Where the value of the coarser grid comes to zero elsewhere, its blocks are chosen too. Where all
 blocks are chosen, the values are those of the march over the whole finest grid, to the bit. What is
 beyond an end of the grid is continued from the nodes of one grid.
+
+A fine grid has all nodes of a coarse one, and one more between two of them. Along the last axis a
+block is a stretch of a row, a unit of a sweep. What is done with the nodes of blocks
+(`block_sweep.py`) is machine code, run by threads.
 """
 
 from __future__ import annotations
@@ -22,16 +26,280 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from functools import cache
+from importlib import resources
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.level_set.block_code import BlockTasks
-from holdfast.execution.level_set.blocks import Blocks
-from holdfast.execution.level_set.level import Level
-from holdfast.execution.level_set.march import ALL_MEASURED, MEASURED, March
-from holdfast.execution.level_set.settling import Done
-from holdfast.execution.level_set.workers import Workers
+from holdfast.execution.codegen.scalar_llvm import scalars_text
+from holdfast.execution.codegen.scalar_reader import read
+from holdfast.execution.leaf import compiled_text
+from holdfast.execution.level_set.block_sweep import CROSSED, CROSSED_HIGH, CROSSED_LOW
+from holdfast.execution.level_set.march import ALL_MEASURED, MEASURED, Done, March
+from holdfast.execution.level_set.sweeping import (
+    Counts,
+    MarchArrays,
+    Workers,
+    address,
+    first_not_finite,
+)
+
+
+class Level(MarchArrays):
+    """The arrays of a march, and one step of it."""
+
+    def __init__(
+        self,
+        march: March,
+        values: Array,
+        bounds: tuple[Array | None, Array | None],
+        numbers: tuple[float, float, float],
+    ) -> None:
+        """bounds: upper and lower, at every node. numbers: floor, ceiling, nearest."""
+        super().__init__(march, values, *bounds, np.empty_like)
+        self.numbers = numbers
+
+    def start_over(self, units: Array | None = None) -> None:
+        """All units, or these, are to be computed in every stage."""
+        self.flags[:] = 1 if units is None else units
+
+    def step(
+        self, workers: Workers, begin: float, dt: float, *, measure: bool, units: Array | None
+    ) -> tuple[int, float]:
+        """A step of all units, or of these, that are not settled: how many it computed, and how
+        fast the set moved [cells/s]."""
+        march, computed = self.march, 0
+        found, u = np.zeros(3), march.u(begin)
+        for s, (weight, _) in enumerate(march.method.steps.stages):
+            if units is not None:
+                here = self.marks(s)[0]
+                here &= units
+            measures = s == self.stages - 1 and measure and self.numbers[2] > 0
+            found = self.swept(workers, s, u, march.numbers(dt, weight, self.numbers), measures)
+            computed += int(found[0])
+            if found[1]:
+                place = first_not_finite(self.out(s))
+                raise march.not_finite(place, int(found[1]), begin + dt)
+            self.ended(s)
+        return computed, float(found[2]) / dt
+
+
+Flags = npt.NDArray[np.bool_]
+Bits = npt.NDArray[np.uint8]
+
+RATIO = 2
+"""Of the lengths of the cells."""
+
+
+class Blocks:
+    """The blocks of a grid of the `shape`, with as many nodes along each axis as `sizes` says.
+
+    The last block along an axis may have fewer: its last node then stands for the missing ones.
+    """
+
+    def __init__(
+        self, shape: Sequence[int], periodic: Sequence[bool], sizes: Sequence[int]
+    ) -> None:
+        self.shape, self.periodic, self.sizes = tuple(shape), tuple(periodic), tuple(sizes)
+        self.counts = tuple(-(-n // s) for n, s in zip(shape, sizes, strict=True))
+        self.coarse = tuple(
+            n // RATIO if around else (n - 1) // RATIO + 1
+            for n, around in zip(shape, periodic, strict=True)
+        )
+        self._blocks_of = [np.arange(n) // s for n, s in zip(shape, sizes, strict=True)]
+        last = zip(shape, sizes, self.counts, strict=True)
+        self._thin = [around and n - (c - 1) * s < s and c > 2
+                      for (n, s, c), around in zip(last, periodic, strict=True)]  # fmt: skip
+        """Axes around which the last block has fewer nodes: the one after it is near, too."""
+
+    def wider(self, chosen: Flags, axes: int | None = None) -> Flags:
+        """The chosen blocks and their neighbours along the first axes, diagonal ones too."""
+        found = chosen
+        for i in range(len(self.shape) if axes is None else axes):
+            found = found | self._shifted(found, i, 1) | self._shifted(found, i, -1)
+        return found
+
+    def beside(self, chosen: Flags) -> Flags:
+        """The blocks next to the chosen ones along an axis that are not chosen."""
+        found = np.zeros_like(chosen)
+        for i in range(len(self.shape)):
+            found |= self._shifted(chosen, i, 1) | self._shifted(chosen, i, -1)
+        return found & ~chosen
+
+    def _shifted(self, flags: Flags, axis: int, by: int) -> Flags:
+        """The flag of the block before each one along an axis, or of that after it (-1)."""
+        found = np.zeros_like(flags)
+        before, rows = np.moveaxis(flags, axis, 0), np.moveaxis(found, axis, 0)
+        if by > 0:
+            rows[1:] = before[:-1]
+        else:
+            rows[:-1] = before[1:]
+        if self.periodic[axis]:
+            here, there = (0, -1) if by > 0 else (-1, 0)
+            rows[here] = before[there]
+            if self._thin[axis]:
+                here, there = (0, -2) if by > 0 else (-2, 0)
+                rows[here] |= before[there]
+        return found
+
+    def near(self, chosen: Flags, crossed: Bits) -> Flags:
+        """The blocks near a change of the sign of a value.
+
+        crossed: where it changes in every block (`BlockTasks.crossed`): anywhere, in the first or
+        the last nodes along the last axis. In other directions all blocks beside it are near.
+        """
+        found, last = (crossed & CROSSED) > 0, len(self.shape) - 1
+        low = np.where(chosen, (crossed & CROSSED_LOW) > 0, found)
+        high = np.where(chosen, (crossed & CROSSED_HIGH) > 0, found)
+        found |= self._shifted(high, last, 1) | self._shifted(low, last, -1)
+        return self._to_the_ends(self.wider(found, last))
+
+    def _to_the_ends(self, chosen: Flags) -> Flags:
+        """With the blocks at the ends of the grid beside them: what is beyond is continued from the
+        nodes of one grid only."""
+        found = chosen.copy()
+        for i, around in enumerate(self.periodic):
+            if not around and self.counts[i] > 1:
+                rows = np.moveaxis(found, i, 0)
+                rows[0] |= rows[1]
+                rows[-1] |= rows[-2]
+        return found
+
+    def units(self, chosen: Flags) -> npt.NDArray[np.uint8]:
+        """1 for the units of a sweep that are in chosen blocks; a unit is a stretch of a row."""
+        of = [*self._blocks_of[:-1], np.arange(self.counts[-1])]
+        return chosen[np.ix_(*of)].astype(np.uint8).ravel()
+
+    def thinned(self, values: Array) -> Array:
+        """The values of the fine grid at the nodes of the coarse one."""
+        return values.reshape(self.shape)[(slice(None, None, RATIO),) * len(self.shape)]
+
+    def count(self, chosen: Flags) -> int:
+        """The number of nodes in the chosen blocks."""
+        held = chosen.astype(np.int64)
+        for of in self._blocks_of:
+            many = np.bincount(of)
+            held = np.tensordot(many, held, axes=(0, 0))
+        return int(held)
+
+
+Numbers = npt.NDArray[Any]
+
+ENTRIES = ("fill", "look_over", "hand_down", "take_over", "losses")
+"""Of which the last alone counts something."""
+
+ALONE = 32768
+"""Nodes for which other threads are not worth waking."""
+
+
+class BlockCode:
+    """Its functions, for a precision; threads share their work by the slices of `Workers`."""
+
+    def __init__(self, precision: str) -> None:
+        folder, files = resources.files(__package__), ("stencils", "block_sweep")
+        known = read("\n".join((folder / f"{name}.py").read_text("utf-8") for name in files))
+        text = scalars_text(known, ENTRIES, single=precision == "float32", fused=True)
+        machine = compiled_text(text, optimised=True)
+        self._functions = {
+            name: machine.function(name, len(known.functions[name].parameters)) for name in ENTRIES
+        }
+        self._kind = np.dtype(precision)
+
+    def function(self, name: str, sizes: Sequence[int]) -> Callable[..., None]:
+        """One of them for blocks of so many nodes along each axis, as `Workers.run` calls it."""
+        code, counts_too = self._functions[name], name == ENTRIES[-1]
+        wholes, values = 8 * len(sizes) + 2, (2 ** (len(sizes) - 1) + 2) * (sizes[-1] + 2)
+
+        def called(turn: Numbers, slices: Numbers, *given: Any) -> None:
+            room, rows = np.zeros(wholes, dtype=np.int64), np.empty(values, dtype=self._kind)
+            counted = [address(given[-1])] if counts_too else []
+            code(
+                address(turn), address(slices), len(slices) - 1, *given[:-1], *counted,
+                address(room), address(rows),
+            )  # fmt: skip
+
+        return called
+
+
+@cache
+def block_code(precision: str) -> BlockCode:
+    """The code for "float32" or "float64"."""
+    return BlockCode(precision)
+
+
+class BlockTasks:
+    """The blocks of a grid, the threads that work on them, and what they do."""
+
+    def __init__(self, blocks: Blocks, workers: Workers, precision: str) -> None:
+        self._blocks, self._workers, self._code = blocks, workers, block_code(precision)
+        self._of = np.array([*blocks.shape, *blocks.coarse, *blocks.sizes, *blocks.counts,
+                             *blocks.periodic], dtype=np.int64)  # fmt: skip
+
+    def _run(self, name: str, count: int, *given: Any) -> Counts:
+        """Shared by the threads where there is much to do; count: of the blocks."""
+        function = self._code.function(name, self._blocks.sizes)
+        if count * math.prod(self._blocks.sizes) > ALONE:
+            self._workers.share(0, count)
+            return self._workers.run(function, *given)
+        counts = np.zeros(3)
+        function(np.zeros(1, dtype=np.int64), np.array([0, count]), *given, counts)
+        return counts
+
+    def _of_chosen(self, name: str, chosen: Flags, *given: Any) -> None:
+        blocks = np.flatnonzero(chosen)
+        if len(blocks):
+            self._run(name, len(blocks), address(blocks), *self._shape, *given)
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        return address(self._of), len(self._blocks.shape)
+
+    def fill(
+        self,
+        chosen: Flags,
+        targets: Sequence[Numbers],
+        coarse: tuple[Numbers, Numbers],
+        bounds: tuple[Numbers | None, Numbers | None],
+    ) -> None:
+        """The chosen blocks from the lesser of two values on the coarser grid, within bounds.
+
+        It is linear along every axis, and at the nodes of the coarser grid that of this grid.
+        bounds: upper and lower, at every node.
+        """
+        to = np.array([address(t) for t in targets], dtype=np.int64)
+        limits = (0 if a is None else address(a) for a in bounds)
+        self._of_chosen("fill", chosen, *map(address, coarse), address(to), len(to), *limits)
+
+    def crossed(self, chosen: Flags, values: Numbers, coarse: Numbers, reach: int) -> Bits:
+        """Where the sign of a value changes in every block, as `Blocks.near` reads it.
+
+        In the chosen blocks the value is that of their grid, in others that of the coarser one.
+        """
+        found = np.zeros(chosen.shape, dtype=np.uint8)
+        given = (address(chosen), address(values), address(coarse), reach, address(found))
+        self._run("look_over", chosen.size, *self._shape, *given)
+        return found
+
+    def hand_down(self, chosen: Flags, values: Numbers, coarse: Numbers) -> None:
+        """The values of the chosen blocks to the nodes of the coarser grid in them."""
+        self._of_chosen("hand_down", chosen, address(values), address(coarse))
+
+    def take_over(self, chosen: Flags, values: Numbers, out: Numbers) -> None:
+        """The values of the chosen blocks to another array."""
+        self._of_chosen("take_over", chosen, address(values), address(out))
+
+    def loss(
+        self, chosen: Flags, before: Numbers, now: Numbers, side: float, nearest: float
+    ) -> float:
+        """The largest share of its value that a node of the coarser grid changed by, of those on a
+        side of zero (1 or -1) that are in no chosen block."""
+        numbers = np.array([side, nearest])
+        given = (address(chosen), address(before), address(now), address(numbers))
+        return float(self._run("losses", chosen.size, *self._shape, *given)[2])
+
 
 SIDE = {1: 16, 2: 8}
 """Nodes of a block along an axis but the last, by the number of axes."""
@@ -45,7 +313,7 @@ STRETCH = 16
 Arrays = tuple[Array, Array | None, Array | None]
 """Values, and what bounds them above and below."""
 
-Numbers = tuple[float, float, float]
+FloorCeilingRounding = tuple[float, float, float]
 """Floor, ceiling, and distances from zero below which there is rounding only."""
 
 
@@ -104,7 +372,7 @@ class RefinedMarch:
         self.marched_share = pair.marched / max(done.steps * self.fine.nodes, 1)
         return done
 
-    def _pairs(self, arrays: Arrays, numbers: Numbers, stack: ExitStack) -> _Pair:
+    def _pairs(self, arrays: Arrays, numbers: FloorCeilingRounding, stack: ExitStack) -> _Pair:
         """Every grid with the coarser ones; the finest has these arrays."""
         thinner: list[Arrays] = [arrays]
         for blocks in reversed(self.blocks):

@@ -1,6 +1,6 @@
 """Runs of nodes of a grid: their neighbours along an axis, and what is to be computed again.
 
-This file and the others of a sweep are scalar functions (`codegen/scalar_functions.py`), joined.
+This file and the others of a sweep are scalar functions (`codegen/scalar_reader.py`), joined.
 """
 
 # ruff: noqa: F821
@@ -18,7 +18,7 @@ PITCH = RUN + VECTOR  # a run, and what more of it a register takes; as in `stag
 VALUE, BASE, BEFORE, LOWER, UPPER, OUT, REST = range(7)
 CHANGED, ODD, MOVES, ALONG, OF_ROW, OUTER, NUMBERS, SLOPES = range(7, 15)
 
-FALLS = 8  # numbers of a stage before those of axes, as in `stage_steps.py`
+FALLS = 8  # numbers of a stage before those of axes, as in `stage_leaf.py`
 
 MOST_SLICES = 1 << 20  # the turns of a stage; the next stage has the next so many
 

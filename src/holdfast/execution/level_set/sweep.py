@@ -1,6 +1,6 @@
 """A sweep over a grid: which nodes are computed, and where all is that a stage of them asks for.
 
-It knows no program: `rate_leaves.py` and `stage_leaf.py` have what belongs to one. A unit is a
+It knows no program: `stage_leaf.py` and `stage_leaf.py` have what belongs to one. A unit is a
 number of nodes, several rows of the last axis or a stretch of one; it is computed, or skipped where
 nothing that it depends on has changed since it was computed last. Units that follow one another are
 a run, which is computed in one go. A block is what belongs to a place of all axes but the last two.

@@ -1,21 +1,422 @@
-"""The values of a march in the memory of this machine, and its stages, carried out by threads."""
+"""The values of a march, in memory or on disk, and its stages, carried out by threads.
+
+Units are nodes that are computed, or skipped, together; threads share the places of an axis among
+themselves, stage after stage. A stage of a march over a small grid takes a fraction of a
+millisecond, of which a thread that sleeps would take a tenth to wake. So they look out for a moment
+before they sleep.
+
+A step over a grid on a disk goes through the planes of the first axis with its stages close
+together. Each stage follows the one before at the distance that a scheme reaches, so that the
+planes between the first and the last of them are in memory, and every array is read and written
+once in a step instead of once in every stage. The numbers are the same: a plane is computed when
+what it depends on has been, and overwritten when nothing depends on it any more. Bounds that move
+are those of its time in every stage, and a symmetry reflects a plane onto itself.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.level_set.march_arrays import MarchArrays
+from holdfast.execution.codegen.scalar_llvm import scalars_text
+from holdfast.execution.codegen.scalar_reader import read
+from holdfast.execution.leaf import compiled_text
 from holdfast.execution.level_set.mirrored_grid import Flags
-from holdfast.execution.level_set.stage_steps import INFINITE
-from holdfast.execution.level_set.workers import Counts, Workers
+from holdfast.execution.level_set.stage_leaf import INFINITE
 from holdfast.execution.working_room import Memory, Room
 
 if TYPE_CHECKING:
     from holdfast.execution.level_set.march import March
+
+
+Numbers = npt.NDArray[Any]
+
+NumbersNeeded = tuple[int, int, int]
+
+LINE = 64
+"""Bytes of a line of the processor's cache."""
+
+
+class SweepCode:
+    """Its functions take addresses and whole numbers, and let other threads of Python run."""
+
+    def __init__(self, precision: str, *, one_slope: bool) -> None:
+        files = ("stencils", f"slopes_{'once' if one_slope else 'twice'}", "sweep")
+        folder = resources.files(__package__)
+        source = "\n".join((folder / f"{name}.py").read_text("utf-8") for name in files)
+        known, entries = read(source), ("sweep", "mirror", "watch")
+        text = scalars_text(known, entries, single=precision == "float32", fused=True)
+        self._machine = compiled_text(text, optimised=True)
+        self.name = "sweep_" + hashlib.sha256(text.encode()).hexdigest()[:24]
+        self.constants = {name: int(value) for name, value in known.constants.items()}
+        self.kind = np.dtype(precision)
+        self.one_slope = one_slope
+        self._sweep, self._mirror, self._watch = (
+            self._machine.function(name, len(known.functions[name].parameters)) for name in entries
+        )
+        self.turns = self.constants["MOST_SLICES"]
+        self._held = threading.local()
+
+    def room(self, shape: Sequence[int], cut: Sequence[int], sizes: Sequence[int]) -> NumbersNeeded:
+        """How many numbers a sweep needs: whole ones, of double precision, of values."""
+        of, n, nodes = self.constants, len(shape), shape[-1]
+        local, stretches = cut[1] * cut[2], cut[2]
+        (along, of_row, outer), plain = sizes[:3], sizes[5]
+        wholes, held = of["SLOPES"] + 2 * of["WORDS"] + 9 * n + 10, 2 * n * of["PITCH"]
+        if not self.one_slope:
+            held = (2 + 2 * plain) * of["ENDS"] * n + of["GATHERED"] + of["VECTOR"]
+            units, stride = local, shape[-1] * (shape[-2] if n > 1 else 1)
+            for i in range(n - 3, -1, -1):
+                if stride <= of["KEPT"]:
+                    held, wholes = held + (1 + plain) * stride, wholes + units
+                units, stride = units * shape[i], stride * shape[i]
+        held += (stretches * along + of_row + of["ARRAYS"] + 1) * of["PITCH"]
+        reals = (n + of_row + outer) * of["PITCH"] + outer + (1 + along) * (nodes + of["VECTOR"])
+        return wholes, reals, held
+
+    def sweep(
+        self,
+        turn: Numbers,
+        slices: Numbers,
+        room: NumbersNeeded,
+        given: Sequence[int],
+        counts: Numbers,
+    ) -> None:
+        """A stage of a step, with memory of its own. given: the arguments from `u` on."""
+        self._sweep(*_shared(turn, slices), address(counts), *self._memory(room), *given)
+
+    def _memory(self, room: NumbersNeeded) -> tuple[int, int, int]:
+        """Its addresses, of this thread: that of the last sweep if it was as large."""
+        if getattr(self._held, "room", None) != room:
+            wholes, reals = np.zeros(room[0], dtype=np.int64), np.zeros(room[1])
+            values = np.zeros(room[2] + LINE // self.kind.itemsize, dtype=self.kind)
+            self._held.room, self._held.arrays = room, (wholes, reals, values)
+            aligned = -(-address(values) // LINE) * LINE
+            self._held.places = (address(wholes), address(reals), aligned)
+        places: tuple[int, int, int] = self._held.places
+        return places
+
+    def mirror(
+        self, turn: Numbers, slices: Numbers, values: Numbers, shape: Numbers, places: Numbers,
+        axis: int, chosen: Numbers, counts: Numbers,
+    ) -> None:  # fmt: skip
+        """Values at the chosen places along an axis, from the nodes that they reflect."""
+        self._mirror(
+            *_shared(turn, slices), address(values), len(values), address(shape), len(shape),
+            address(places), places.shape[1], axis, address(chosen), len(chosen),
+        )  # fmt: skip
+
+    def watch(self, own: Numbers, other: Numbers, value: int, times: int) -> None:
+        """Counts its own start, and waits until the other reaches the value."""
+        self._watch(address(own), address(other), value, times)
+
+
+@cache
+def sweep_code(precision: str, *, one_slope: bool) -> SweepCode:
+    """The code for a precision, and for schemes with one or two slopes of every interval."""
+    return SweepCode(precision, one_slope=one_slope)
+
+
+def address(array: Numbers) -> int:
+    return int(array.ctypes.data)
+
+
+def _shared(turn: Numbers, slices: Numbers) -> tuple[int, int, int]:
+    return address(turn), address(slices), len(slices) - 1
+
+
+LONGEST = 128
+"""Nodes of a stretch of a row, at most."""
+
+SHORT = 64
+"""Nodes up to which several rows are one unit."""
+
+
+def layout(
+    shape: Sequence[int], short: int = SHORT, longest: int = LONGEST
+) -> tuple[int, int, int, int]:
+    """The units of the last two axes: several whole rows, or a stretch of a single one.
+
+    Rows in a unit, groups of rows, stretches of a row, nodes in a stretch.
+    """
+    rows = shape[-2] if len(shape) > 1 else 1
+    groups = -(-rows // max(1, short // shape[-1]))
+    stretches = -(-shape[-1] // longest)
+    return -(-rows // groups), groups, stretches, -(-shape[-1] // stretches)
+
+
+Counts = npt.NDArray[np.float64]
+
+SPINS = 100_000
+"""Number of looks before a worker sleeps: some 100 microseconds."""
+
+
+class Workers:
+    """Threads of which the caller is one; to be used in a `with` statement.
+
+    Each takes the next slice of the places when it has done one. Slices become shorter, so that
+    all end at about the same time.
+    """
+
+    def __init__(self, code: SweepCode, threads: int, places: int) -> None:
+        self.watch, self.turns = code.watch, code.turns
+        self._threads = threads
+        self.share(0, places)
+        self._others = [_Other(self, k) for k in range(1, threads)]
+        self._waits = np.zeros(1, dtype=np.int64)
+        self.stage = 0
+        self.turn = np.zeros(1, dtype=np.int64)
+        self.job: Callable[[], Counts] | None = None
+
+    def share(self, first: int, last: int) -> None:
+        """The places that are shared in the stages to come."""
+        slices = [first]
+        while slices[-1] < last:
+            slices.append(slices[-1] + max(1, (last - slices[-1]) // (2 * self._threads)))
+        self._slices = np.array(slices)
+
+    def __enter__(self) -> Workers:
+        for other in self._others:
+            other.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._begin(None)  # what was begun before is ended; an interrupt may come at any time
+        for other in self._others:
+            other.join()
+
+    def _begin(self, job: Callable[[], Counts] | None) -> None:
+        self.job = job
+        self.stage += 1
+        self.turn[0] = self.stage * self.turns
+        for other in self._others:
+            if other.go.locked():
+                other.go.release()
+
+    def run(self, function: Callable[..., None], *arguments: Any) -> Counts:
+        """The sums of the first two that they count, the largest of the third."""
+
+        def job() -> Counts:
+            counts = np.zeros(3)
+            function(self.turn, self._slices, *arguments, counts)
+            return counts
+
+        self._begin(job)
+        try:
+            sums = job()
+        finally:  # none works on the caller's arrays when this ends, be it by an interrupt
+            others = [self._ended(other) for other in self._others]
+        for counts in others:
+            if isinstance(counts, BaseException):
+                raise counts
+            sums[:2] += counts[:2]
+            sums[2] = max(sums[2], counts[2])
+        return sums
+
+    def _ended(self, other: _Other) -> Counts | BaseException:
+        self.watch(self._waits, other.waits, self.stage + 1, SPINS)
+        return other.result()
+
+
+class _Other(threading.Thread):
+    """Two locks are what it and the caller wait for, after having looked for a while.
+
+    They look for what the other does in compiled code only: the first turn taken, and the wait for
+    the next stage begun. Whoever sees it finds the interpreter free, and need not sleep for it.
+    """
+
+    def __init__(self, of: Workers, place: int) -> None:
+        super().__init__(name=f"holdfast-march-{place}", daemon=True)
+        self.of = of
+        self.go, self.done = threading.Lock(), threading.Lock()
+        self.go.acquire()
+        self.done.acquire()
+        self.waits = np.zeros(1, dtype=np.int64)
+        self.counts: Counts | BaseException = np.zeros(3)
+
+    def run(self) -> None:
+        first = 1
+        while True:
+            first += self.of.turns
+            self.of.watch(self.waits, self.of.turn, first, SPINS)
+            self.go.acquire()
+            if self.of.job is None:
+                return
+            try:
+                self.counts = self.of.job()
+            except BaseException as error:  # the caller raises it
+                self.counts = error
+            self.done.release()
+
+    def result(self) -> Counts | BaseException:
+        """Its counts in the stage that the caller has begun, or its error.
+
+        An interrupt that comes meanwhile is raised when the stage is done."""
+        try:
+            self.done.acquire()
+        except KeyboardInterrupt:
+            self.done.acquire()
+            raise
+        return self.counts
+
+
+class MarchArrays:
+    """arrays[0] are the values at the beginning of a step and at its end, the others those of its
+    stages. flags: of every stage the units that are to be computed.
+
+    What is in no unit that is computed stays as it is, in every array.
+    """
+
+    def __init__(
+        self,
+        march: March,
+        values: Array,
+        upper: Array | None,
+        lower: Array | None,
+        another: Callable[[Array], Array],
+    ) -> None:
+        """upper, lower: bounds at every node. another: gives the arrays for values of stages."""
+        stages = march.method.stages
+        self.march, self.stages = march, stages
+        self.arrays = [values, *(another(values) for _ in range(max(stages - 1, 1)))]
+        self.flags = np.ones((max(stages, 2), march.units), dtype=np.uint8)
+        plain, measured, self.sizes = march.leaves.found(
+            lower=lower is not None, upper=upper is not None
+        )
+        self._leaves = {False: plain, True: measured}
+        self.kept = upper, lower
+        self._room = march.code.room(march.shape.tolist(), march.cut.tolist(), self.sizes.tolist())
+
+    def out(self, s: int) -> Array:
+        """What comes out of a stage."""
+        return self.arrays[(s + 1) % len(self.arrays)]
+
+    def marks(self, s: int) -> tuple[Flags, Flags, Flags]:
+        """The units to be computed in a stage, those in the next, and which of the later ones."""
+        flags, stages = self.flags, self.stages
+        last = s == stages - 1
+        return flags[s], flags[(s + 1) % len(flags)], flags[1:stages] if last else flags[:0]
+
+    def swept(self, workers: Workers, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
+        """A stage of the units at the places that the workers share."""
+        march, arrays, out = self.march, self.arrays, self.out(s)
+        here, there, own = self.marks(s)
+        before = arrays[0] if self.stages == 1 else out
+        return workers.run(march.code.sweep, self._room, [
+            *map(address, (u, numbers, arrays[s], arrays[0], out, before)),
+            *(0 if bound is None else address(bound) for bound in self.kept), len(out),
+            *map(address, (here, there, own)), len(own), march.units,
+            address(march.shape), len(march.shape), address(march.cut), address(march.kinds),
+            address(self._leaves[measures]), address(self.sizes),
+            address(march.axes), march.axes.shape[1],
+        ])  # fmt: skip
+
+    def ended(self, s: int) -> None:
+        """After a stage: of a method with a single one the arrays change places."""
+        if self.stages == 1:
+            self.arrays.reverse()
+            self.flags = self.flags[::-1]
+
+
+class Stages(Protocol):
+    """What holds the values of a march and carries out the stages of its steps, wherever."""
+
+    def all_again(self) -> None:
+        """Have everything computed in the next step, also what is settled."""
+
+    def bounds_moved(self) -> None:
+        """The bounds at nodes are others now."""
+
+    def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Array:
+        """Units computed, nodes that are not finite, the largest move.
+
+        These may be those of the stages before, where they have not been told yet.
+        """
+
+    def not_finite(self) -> int:
+        """The first of the grid's nodes that are not finite after the last stage."""
+
+    @property
+    def fixed(self) -> bool:
+        """Whether nothing is left to be computed."""
+
+
+class Bounds(Protocol):
+    """Bounds at nodes that move."""
+
+    def refresh(self, time: float) -> None:
+        """Have them be those of a time t."""
+
+    def renew(self, time: float, first: int, last: int) -> Any:
+        """The same at some places of the first axis; what there is to know of them there."""
+
+    def check(self, found: Sequence[Any]) -> None:
+        """Refuse what no march can go on with, once a stage has renewed all of them."""
+
+
+@dataclass(frozen=True)
+class StageOrder:
+    """s: which stage of a step; u: what is the same at all nodes; numbers, measures: as a stage
+    takes them. time: that of the bounds at nodes from this stage on, where they move; again:
+    whether everything is computed, also what is settled."""
+
+    s: int
+    u: Array
+    numbers: Array
+    measures: bool
+    time: float | None
+    again: bool
+
+
+@dataclass(frozen=True)
+class StageAnswer:
+    """Units computed, nodes that are not finite and the first of them among those of the grid, the
+    largest move, whether nothing is left to be computed."""
+
+    computed: int
+    wrong: int
+    first: int
+    move: float
+    fixed: bool
+
+
+def carried_out(
+    stages: Stages, orders: Sequence[StageOrder], bounds: Bounds
+) -> Iterator[StageAnswer]:
+    """One stage after another."""
+    for order in orders:
+        if order.again:
+            stages.all_again()
+        if order.time is not None:
+            bounds.refresh(order.time)
+            stages.bounds_moved()
+        computed, wrong, move = stages.stage(order.s, order.u, order.numbers, order.measures)
+        first = stages.not_finite() if wrong else 0
+        yield StageAnswer(int(computed), int(wrong), first, float(move), stages.fixed)
+
+
+def joined(answers: Sequence[Sequence[StageAnswer]]) -> StageAnswer:
+    """Of all parts, and of stages that follow one another: where it is not finite, of the first."""
+    stages = list(zip(*answers, strict=True))
+    wrong = next((k for k, of in enumerate(stages) if any(a.wrong for a in of)), len(stages) - 1)
+    bad = [a for a in stages[wrong] if a.wrong]
+    return StageAnswer(
+        sum(a.computed for of in stages for a in of),
+        sum(a.wrong for a in bad),
+        min((a.first for a in bad), default=0),
+        max(a.move for a in stages[-1]),
+        all(a.fixed for a in stages[-1]),
+    )
 
 
 TOGETHER = 1 << 20
@@ -125,3 +526,95 @@ def first_not_finite(values: Array) -> int:
         if wrong.any():
             return first + int(np.argmax(wrong))
     return 0
+
+
+NODES = 1_000_000
+"""Nodes that a stage computes before the next follows, at least."""
+
+
+def streams(states: int, stages: int, reflects_first: bool) -> bool:
+    """Whether the stages of a step may follow one another so.
+
+    reflects_first: whether a symmetry has a plane of the first axis reflected onto another.
+    """
+    return states > 2 and stages > 1 and not reflects_first
+
+
+class Streaming(Sweeping):
+    """A sweeping whose arrays are on a disk."""
+
+    @property
+    def streams(self) -> bool:
+        """Whether its stages may follow one another so."""
+        fold = self.march.fold
+        return streams(len(self.march.shape), self.stages, fold is not None and fold.axis == 0)
+
+    def step(self, orders: Sequence[StageOrder], bounds: Bounds) -> list[StageAnswer]:
+        """All stages of a step."""
+        if orders[0].again:
+            self.all_again()
+        march, many = self.march, len(orders)
+        planes, reach = int(march.shape[0]), int(self.sizes[3])
+        around = bool(march.kinds[0] == 1)
+        block = max(2 * march.threads, -(-NODES // (march.nodes // planes)))
+        ends = [planes + s * reach * around for s in range(many)]
+        done = [end - planes for end in ends]
+        found = [StageAnswer(0, 0, 0, 0.0, False)] * many
+        told: list[list[Any]] = [[] for _ in orders]
+        while done[-1] < ends[-1]:
+            for s, order in enumerate(orders):
+                ready = ends[s] if s == 0 or done[s - 1] == ends[s - 1] else done[s - 1] - reach
+                last = min(ready, done[s] + block)
+                if last <= done[s]:
+                    continue
+                for low, high in _unrolled(done[s], last, planes):
+                    if order.time is not None:
+                        told[s].append(bounds.renew(order.time, low, high))
+                    found[s] = _added(found[s], self._planes(order, low, high))
+                done[s] = last
+        self._workers.share(0, planes)
+        return self._answers(found, told, bounds)
+
+    def _planes(self, order: StageOrder, low: int, high: int) -> Counts:
+        """A stage of some planes."""
+        march, s = self.march, order.s
+        planes = int(march.shape[0])
+        units, nodes = march.units // planes, march.nodes // planes
+        self._narrow(s, self.marks(s)[0][low * units : high * units])
+        self._workers.share(low, high)
+        found = self.swept(self._workers, s, order.u, order.numbers, order.measures)
+        self._workers.share(0, high - low)
+        self._reflect(self.out(s)[low * nodes : high * nodes])
+        return found
+
+    def _answers(
+        self, found: list[StageAnswer], told: Sequence[Sequence[Any]], bounds: Bounds
+    ) -> list[StageAnswer]:
+        """Those of the stages, up to the first at which the march ends."""
+        for s, answer in enumerate(found):
+            if told[s]:
+                bounds.check(told[s])
+            if answer.wrong:
+                first = first_not_finite(self.out(s))
+                return [*found[:s], StageAnswer(0, answer.wrong, first, 0.0, False)]
+        last = found[-1]
+        return [*found[:-1], StageAnswer(last.computed, 0, 0, last.move, self.fixed)]
+
+
+def _unrolled(first: int, last: int, planes: int) -> list[tuple[int, int]]:
+    """The same planes of a ring, at most all of it, as one or two ranges of the axis."""
+    around = first // planes * planes
+    first, last = first - around, last - around
+    if last <= planes:
+        return [(first, last)]
+    return [(first, planes), (0, last - planes)]
+
+
+def _added(answer: StageAnswer, counts: Counts) -> StageAnswer:
+    return StageAnswer(
+        answer.computed + int(counts[0]),
+        answer.wrong + int(counts[1]),
+        0,
+        max(answer.move, float(counts[2])),
+        False,
+    )

@@ -13,6 +13,8 @@ and of a law that others hand a command: measure, control, record, move.
 
 What may differ between the lanes, such as the mode, an exit or the length of a step, is a row of
 each lane. No value of a lane depends on another lane.
+Guards of modes are tried in order, and the turns counted; constraints are looked at more closely
+inside a step for their peaks and crossings.
 """
 
 from __future__ import annotations
@@ -20,17 +22,110 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
-from holdfast.execution.codegen.crossing_leaves import crossing_leaves
+from holdfast.execution.codegen.crossing_leaves import (
+    BISECTION_STEPS,
+    GOLDEN_STEPS,
+    crossing_leaves,
+)
 from holdfast.execution.codegen.lane_leaves import note_leaves, step_leaves
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.loop_text import Instructions, LoopText
 from holdfast.execution.codegen.mode_leaves import mode_leaves
 from holdfast.execution.codegen.random_leaves import noise_leaf
-from holdfast.execution.simulation.crossings import look_closely
-from holdfast.execution.simulation.kind import Kind
-from holdfast.execution.simulation.layout import LATE, RECORDS, STRIDE, Layout, Shape
-from holdfast.execution.simulation.turns import turn
+from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, STRIDE, Layout, Shape
+
+
+class Kind(NamedTuple):
+    """noisy, late: how the states are measured. switch_limit: changes of mode within a second
+    beyond which a run chatters. until_goal: whether a run ends in its goal. direct: whether leaves
+    and parts are called by their names, as functions of the same module.
+    """
+
+    noisy: bool = False
+    late: bool = False
+    switch_limit: int = 1
+    until_goal: bool = False
+    direct: bool = False
+
+
+Places = Mapping[str, int]
+"""Where the rows of a block are."""
+
+
+def look_closely(body: Instructions, at: Places, constraints: int) -> None:
+    """The largest c_j inside the step, and which of them first exceeds the tolerance, and when."""
+    _search(body, at, "search", "number")
+    for j in range(constraints):
+        _look_at(body, at, j * body.width)
+    _search(body, at, "leave", "outcome")
+
+
+def _search(body: Instructions, at: Places, leaf: str, out: str, x: int = 0, p: int = 0) -> None:
+    body.call(leaf, t=at["length"], q=at["number"], x=x, p=p, out=at[out])
+
+
+def _constraints_inside(body: Instructions, at: Places) -> None:
+    """inside = c_j of every lane at its fraction of the step."""
+    body.call(
+        "between", t=at["length"], q=at["q"], x=at["new"], p=at["fraction"], out=at["between"]
+    )
+    body.call("constraints", t=at["time"], q=at["between"], p=at["plant"], out=at["inside"])
+
+
+def _look_at(body: Instructions, at: Places, j: int) -> None:
+    """The largest c_j inside the step, and when it first exceeds the tolerance."""
+    inside, worst, rises = at["inside"] + j, at["worst"] + j, at["rises"] + j
+    _search(body, at, "open", "number", at["c1"] + j)
+    with body.if_any(rises):
+        _search(body, at, "golden", "lower")
+        _constraints_inside(body, at)
+        _search(body, at, "golden_left", "c_left", inside)
+        _constraints_inside(body, at)
+        _search(body, at, "golden_right", "c_right", inside)
+        with body.repeat(GOLDEN_STEPS):
+            _search(body, at, "golden_turn", "lower")
+            _constraints_inside(body, at)
+            _search(body, at, "golden_take", "c_left", inside)
+        _search(body, at, "golden_end", "fraction")
+        _constraints_inside(body, at)
+        _search(body, at, "peaked", "top", inside, rises)
+    body.call("raise", q=at["number"], x=worst, p=at["close"], out=worst)
+    _search(body, at, "crosses", "crosses", p=at["close"])
+    with body.if_any(at["crosses"]):
+        _search(body, at, "bisect", "lower")
+        with body.repeat(BISECTION_STEPS):
+            _constraints_inside(body, at)
+            _search(body, at, "bisect_turn", "lower", inside)
+        _search(body, at, "crossed", "earliest")
+
+
+def turn(body: Instructions, at: Mapping[str, int], shape: Shape) -> None:
+    """The modes after their guards are tried in order."""
+    rows = {"t": at["length"], "q": at["since"]}
+    rows["x"] = at["time_in_mode"]
+    if shape.modes > 1:
+        body.call("where", **rows, out=at["in_modes"])
+    if not any(shape.targets):
+        return
+    for k, targets in enumerate(shape.targets):
+        if targets:
+            with body.if_any(at["in_modes"] + k * body.width):
+                body.call(
+                    f"guards{k}", t=at["time"], q=at["seen"], x=at["time_in_mode"],
+                    p=at["gains"], out=at["levels"],
+                )  # fmt: skip
+                body.call(
+                    f"turn{k}", t=at["mode"], q=at["levels"], x=at["next_mode"],
+                    out=at["next_mode"],
+                )  # fmt: skip
+    body.call("changed", **rows, out=at["changed"])
+    body.late(FORGOTTEN, at["changed"], at["forgotten"], 1)
+    body.call("switch", **rows, out=at["since"])
+    with body.if_any(at["changed"]):
+        body.call("chatter", **rows, out=at["outcome"])
+
 
 KEPT = 64
 """Loops that a process keeps: runs of another program of the same shape begin at once."""
