@@ -76,7 +76,7 @@ from .errors import PromiseNotTriedWarning as PromiseNotTriedWarning
 from .errors import SlowWarning as SlowWarning
 from .execution.codegen.c_source import export_c as export_c
 from .execution.codegen.c_source import export_c_header as export_c_header
-from .execution.codegen.c_table_file import export_c_table as export_c_table
+from .execution.codegen.c_source import export_c_table as export_c_table
 from .execution.simulation.outcomes import Outcome as Outcome
 from .maths.catalogue import fields as fields
 from .maths.catalogue import laws as laws

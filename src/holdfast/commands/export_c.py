@@ -52,9 +52,10 @@ def command(
     The table of a kernel of more than 65,536 nodes is a file .bin beside it, which NAME_load opens
     or the assembler links.
     """
-    from holdfast.execution.codegen.c_source import export_c, export_c_header
-    from holdfast.execution.codegen.c_table_file import (
+    from holdfast.execution.codegen.c_source import (
         MOST_AS_TEXT,
+        export_c,
+        export_c_header,
         export_c_table,
         numbers_of,
     )

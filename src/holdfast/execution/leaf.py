@@ -19,8 +19,7 @@ import numpy as np
 
 from holdfast.execution.arrays import Array
 from holdfast.execution.cache import Stored
-from holdfast.execution.codegen.llvm_body import LANES
-from holdfast.execution.codegen.llvm_text import Leaf, leaves_text
+from holdfast.execution.codegen.llvm_text import LANES, Leaf, leaves_text
 
 BLOCK = 1024
 """Points that are computed together: their columns stay in the processor's cache."""

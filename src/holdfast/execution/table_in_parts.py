@@ -1,4 +1,4 @@
-"""A table of which only what is looked up is in memory.
+"""A table of which only what is looked up is in memory, and values between the nodes of any table.
 
 Compiled code reads a table through the address of its first number. Here that address is the begin
 of a stretch of reserved memory, as long as the table, of which the operating system gives a page
@@ -215,4 +215,31 @@ def _nodes(points: Array, grid: tuple[AnyArray, ...], sloped: bool) -> Whole:
         "interpolate", "corners_many", len(points), np.ascontiguousarray(points), low, steps,
         *wholes, axes, int(sloped), out, np.empty(room), np.empty(whole, dtype=np.int64),
     )  # fmt: skip
+    return out
+
+
+Grid = tuple[AnyArray, ...]
+"""The lowest nodes, the steps, the shape, and whether an axis is periodic."""
+
+
+def values_at(values: AnyArray | TableInParts, points: Array, grid: Grid) -> Array:
+    """The values at points (count, axes), linear along each axis; NaN outside the grid."""
+    if isinstance(values, TableInParts):
+        return values.values_at(points, grid)
+    return _found("interpolate_many", values, points, grid, np.empty(len(points)))
+
+
+def slopes_at(values: AnyArray | TableInParts, points: Array, grid: Grid) -> Array:
+    """The central differences at points, interpolated, of shape (count, axes)."""
+    if isinstance(values, TableInParts):
+        return values.slopes_at(points, grid)
+    return _found("slopes_many", values, points, grid, np.empty(points.shape))
+
+
+def _found(name: str, values: AnyArray, points: Array, grid: Grid, out: Array) -> Array:
+    low, steps, shape, periodic = grid
+    room, whole = numbers_of_places(len(shape))
+    whole_numbers = (np.ascontiguousarray(a, dtype=np.int64) for a in (shape, periodic))
+    given: tuple[Any, ...] = (len(points), values, points, low, steps, *whole_numbers, len(shape))
+    called("interpolate", name, *given, out, np.empty(room), np.empty(whole, dtype=np.int64))
     return out

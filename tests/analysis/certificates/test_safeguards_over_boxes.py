@@ -9,8 +9,8 @@ import pytest
 
 from holdfast.execution.arithmetic.steps import Steps, choose
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.intervals import active_sets
-from holdfast.execution.intervals.rows import pairs
+from holdfast.execution.intervals import law_ranges
+from holdfast.execution.intervals.interval import pairs
 from holdfast.execution.intervals.tape import number
 from holdfast.execution.leaf import compiled_leaves
 from holdfast_check import safeguard
@@ -77,12 +77,12 @@ def searched(wanted, normals, offsets, hard, m):
         return pairs(steps, columns[-2:])[0]
 
     one = number(steps, Fraction(1))
-    p = active_sets.Values(
+    p = law_ranges.Values(
         steps, [taken(*e) for e in zip(*wanted, strict=True)],
         [[taken(*e) for e in zip(*rows, strict=True)] for rows in zip(*normals, strict=True)],
         [taken(*e) for e in zip(*offsets, strict=True)], hard, [one] * m, [(-one, one)] * m, True,
     )  # fmt: skip
-    results, found = [], list(active_sets.choices(p))
+    results, found = [], list(law_ranges.choices(p))
     for g in found:
         results += [choose(g.may, 1.0, 0.0), choose(g.sure, 1.0, 0.0)]
         results += [end for q in g.inputs for end in (q.low, q.high)]

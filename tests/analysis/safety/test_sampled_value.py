@@ -12,8 +12,8 @@ import holdfast as hf
 from holdfast.analysis.safety.sampled_value import _Game, patience_of, sampled_value
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.foreseen import numbers_of_look
-from holdfast.execution.look_up import values_at
 from holdfast.execution.scalar import called
+from holdfast.execution.table_in_parts import values_at
 from tests.carts import WALLS, cart, swinging
 from tests.ridge_problems import drawn, ran
 

@@ -8,8 +8,7 @@ import pytest
 
 from holdfast.execution.arithmetic import basics, exponential, trigonometric
 from holdfast.execution.arithmetic.steps import Steps, choose
-from holdfast.execution.codegen.llvm_body import LANES
-from holdfast.execution.codegen.llvm_text import Leaf
+from holdfast.execution.codegen.llvm_text import LANES, Leaf
 from holdfast.execution.leaf import columns, compiled_leaves, padded
 
 GENERATOR = np.random.default_rng(24)

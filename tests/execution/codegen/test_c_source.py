@@ -10,7 +10,7 @@ from click.testing import CliRunner
 import holdfast as hf
 from holdfast.commands.export_c import command
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.codegen import c_table_file
+from holdfast.execution.codegen import c_source
 from holdfast.execution.codegen.c_source import export_c
 from holdfast.execution.codegen.c_timing import time_law, timed_rows
 from tests.c_code import built, needs_gcc, pointer
@@ -115,7 +115,7 @@ def test_law_that_is_kept_in_a_kernel_is_exported_with_it(tmp_path):
 
 
 def test_the_command_writes_a_large_table_into_a_file(tmp_path, monkeypatch):
-    assert c_table_file.MOST_AS_TEXT == 65_536
+    assert c_source.MOST_AS_TEXT == 65_536
     kind = 'a ferry"\nkind = "discriminating-kernel"'
     (tmp_path / "kernel.toml").write_text(FERRY.format(more=KERNEL).replace('a ferry"', kind))
     (tmp_path / "safe.toml").write_text(FERRY.format(more=KEPT))
@@ -124,7 +124,7 @@ def test_the_command_writes_a_large_table_into_a_file(tmp_path, monkeypatch):
     done = run(command, ["safe.toml", "--out", "law.c", "--no-timing"], catch_exceptions=False)
     assert "table:" not in done.output
     assert not (tmp_path / "law.bin").exists()
-    monkeypatch.setattr(c_table_file, "MOST_AS_TEXT", 41 * 41 - 1)
+    monkeypatch.setattr(c_source, "MOST_AS_TEXT", 41 * 41 - 1)
     done = run(command, ["safe.toml", "--out", "law.c"], catch_exceptions=False)
     assert "law.bin (1,681 numbers" in done.output
     assert "ns per call" in done.output

@@ -9,7 +9,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.codegen import c_table_file
+from holdfast.execution.codegen import c_source
 from tests.c_code import STRICT, needs_gcc, pointer
 from tests.carts import BOX, WALLS, cart, swinging
 
@@ -200,8 +200,8 @@ def test_the_numbers_are_in_the_file_and_not_in_the_source(exported):
 
 
 def test_a_table_of_more_numbers_than_a_long_may_count_says_so_to_the_compiler():
-    assert c_table_file._fits(2**31 - 1) == ""
-    guard = c_table_file._fits(2**31)
+    assert c_source._fits(2**31 - 1) == ""
+    guard = c_source._fits(2**31)
     for most, accepted in ((2**63 - 1, True), (2**31 - 1, False)):
         source = f"{guard.replace('LONG_MAX', str(most))}\nint x;\n"
         command = ["gcc", "-std=c99", "-fsyntax-only", "-xc", "-"]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from holdfast.execution.intervals.table_ranges import TableRanges
-from holdfast.execution.look_up import slopes_at, values_at
+from holdfast.execution.intervals.law_ranges import TableRanges
+from holdfast.execution.table_in_parts import slopes_at, values_at
 
 LOW, STEPS, SHAPE = np.array([-1.0, 0.3]), np.array([0.1, 0.25]), np.array([21, 13])
 

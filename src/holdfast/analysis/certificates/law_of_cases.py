@@ -11,7 +11,7 @@ import sympy as sp
 from holdfast.analysis.certificates.certificate import Range
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
-from holdfast.execution.intervals.active_sets import MOST, sets_of
+from holdfast.execution.intervals.law_ranges import MOST_SETS, sets_of
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.law_cases import Conditions, LawCases, Option, Program
@@ -124,9 +124,9 @@ class _Cases:
         free, box = bool(self.handed & symbols_of(wanted)), self._box()
         if box is None and not self.bounded:
             self._free()  # which refuses
-        if len(sets := sets_of(count, m, wanted=not free)) > MOST:
+        if len(sets := sets_of(count, m, wanted=not free)) > MOST_SETS:
             raise DefinitionError(
-                f"a safeguard with {len(sets)} sets of conditions", expected=f"at most {MOST}"
+                f"a safeguard with {len(sets)} sets of conditions", expected=f"at most {MOST_SETS}"
             )
         rows = tuple(tuple(numbers[j * (m + 1) : (j + 1) * (m + 1)]) for j in range(count))
         return Program(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from holdfast.execution.intervals.table_ranges import TableRanges
+from holdfast.execution.intervals.law_ranges import TableRanges
 from holdfast.maths.definitions.law_cases import LawCases, Option, Program
 from holdfast.maths.definitions.lookup import Lookup
 from holdfast.maths.definitions.quantity import TIME_IN_MODE

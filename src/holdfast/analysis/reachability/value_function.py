@@ -34,9 +34,8 @@ from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.arrays import Array as DoubleArray
-from holdfast.execution.look_up import slopes_at, values_at
 from holdfast.execution.resources import check_memory
-from holdfast.execution.table_in_parts import TableInParts
+from holdfast.execution.table_in_parts import TableInParts, slopes_at, values_at
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.region import Region
 

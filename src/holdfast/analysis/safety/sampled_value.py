@@ -34,10 +34,10 @@ from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.cache import Stored, code_digest
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.foreseen import CUTS, numbers_of_search
-from holdfast.execution.look_up import values_at
 from holdfast.execution.sampled_game import numbers_of_motion
 from holdfast.execution.scalar import called
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
+from holdfast.execution.table_in_parts import values_at
 from holdfast.maths.control.held_motion import HeldMotion, held_motion
 from holdfast.maths.control.prediction import prediction
 from holdfast.maths.definitions.bounds import Bounds

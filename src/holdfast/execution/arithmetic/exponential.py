@@ -6,23 +6,21 @@ the rational functions of small arguments are those of Cephes (S. Moshier, 1989)
 
 from __future__ import annotations
 
-from holdfast.execution.arithmetic.exact import (
-    Pair,
-    exact_product,
-    exact_sum,
-    greatest_of,
-    least_of,
-    ordered_sum,
-    with_sign_of,
-)
 from holdfast.execution.arithmetic.steps import (
     Function,
+    Pair,
     Value,
     bits,
     choose,
+    exact_product,
+    exact_sum,
     floor,
     from_bits,
+    greatest_of,
+    least_of,
+    ordered_sum,
     rint,
+    with_sign_of,
 )
 
 INF = float("inf")

@@ -8,20 +8,18 @@ carry the rounding errors of quotients and roots along.
 
 from __future__ import annotations
 
-from holdfast.execution.arithmetic.exact import (
-    SIGN,
-    Pair,
-    exact_product,
-    exact_sum,
-    ordered_sum,
-)
 from holdfast.execution.arithmetic.steps import (
+    SIGN,
     Function,
+    Pair,
     Value,
     bits,
     choose,
     entry,
+    exact_product,
+    exact_sum,
     from_bits,
+    ordered_sum,
     rint,
     root,
 )

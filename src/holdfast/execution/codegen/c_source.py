@@ -4,30 +4,393 @@ Every name at file scope begins with the name of the law, so that several laws c
 program, and even in one translation unit. What other files see (sizes, the type of the state,
 parameters, `_start`, `_step`) is one block with an include guard. The header is that block, and the
 file of C repeats it, so that it compiles alone and with its header alike.
+
+The table of a kernel or of a certificate is a part of it, or a file of its own that the C loads.
+That is a header, which the C repeats byte by byte, and the numbers in the order of the grid:
+
+| bytes | what |
+|---|---|
+| 8 | "HFTABLE" and a zero |
+| 4 | the version of this layout, 1 |
+| 4 | bytes of a number: 4 or 8 |
+| 8 | the number of axes |
+| 8 | how many numbers there are |
+| 32 | the SHA-256 of the numbers |
+| 8 each | the nodes of every axis |
+
+Whole numbers and numbers are little-endian; zeros fill the header up to a multiple of 64 bytes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import math
+import re
+import struct
+from collections.abc import Iterable, Iterator, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import sympy as sp
 
 from holdfast._version import __version__
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.execution.codegen.c_lookup import GRID, CTable
+from holdfast.execution.arrays import AnyArray
 from holdfast.execution.codegen.c_printer import c_body, c_functions
-from holdfast.execution.codegen.c_text import c_comment, c_name, c_needed, c_own
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
 from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.execution.codegen.scalar_c import scalars_c
 from holdfast.execution.codegen.scalar_reader import scalars
 from holdfast.execution.foreseen import CUTS, numbers_of_search
+from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
+from holdfast.execution.table_in_parts import in_memory, in_turn
+from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.law import Foresight, Law, Safeguard
+from holdfast.maths.definitions.lookup import CellLookup, Lookup
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import symbols_of
+
+
+def c_name(name: str) -> str:
+    """The name as a C identifier: underscores for other characters, law_ before a digit."""
+    return re.sub(r"^(?=\d|$)", "law_", re.sub(r"\W", "_", name, flags=re.ASCII))
+
+
+def c_file(name: str) -> str:
+    """The text of a file of this package's folder `c`."""
+    return (files("holdfast.execution.codegen") / "c" / f"{name}.c").read_text("utf-8")
+
+
+def c_needed(name: str, text: str) -> str:
+    """The functions of such a file that the text calls, directly or through others.
+
+    Compilers warn of unused functions. Blank lines stand only between functions.
+    """
+    found: list[str] = []
+    for block in reversed(c_file(name).split("\n\n")):
+        defined = re.search(r"^static .*?(\w+)\(", block, re.MULTILINE)
+        if defined and re.search(rf"\b{defined[1]}\(", text):
+            found.insert(0, block.rstrip("\n"))
+            text += block
+    return "".join(f"{block}\n\n" for block in found)
+
+
+def c_own(text: str, name: str) -> str:
+    """The text with the law's name as a prefix of every name of this package: hf_, HF_."""
+    return re.sub(r"\bHF_", f"{name.upper()}_HF_", re.sub(r"\bhf_", f"{name}_hf_", text))
+
+
+def c_comment(*lines: str) -> str:
+    """The lines as a C comment; sequences that would end it are replaced."""
+    plain = [
+        re.sub(r"\?(?=\?)", "? ", " ".join(x.split()).replace("*/", "* /").replace("/*", "/ *"))
+        for x in lines
+    ]
+    if len(plain) == 1:
+        return f"/* {plain[0]} */"
+    return "/* " + "\n".join([plain[0], *(f" * {x}".rstrip() for x in plain[1:]), " */"])
+
+
+LAYOUT = 1
+DIGEST = 32
+"""Where in the header the digest begins."""
+
+MOST_AS_TEXT = 2**16
+"""Numbers up to which `holdfast export-c` writes a table into the source."""
+
+FAULTS = {
+    "READY": "the table can be used",
+    "NOT_FOUND": "the file cannot be opened",
+    "TRUNCATED": "the file is shorter or longer than the table",
+    "NONE": "the file is no table",
+    "VERSION": "the table has another layout",
+    "BYTE_ORDER": "this processor is not little-endian",
+    "OTHER": "the table is that of another law",
+    "DAMAGED": "the numbers are not those that were written",
+    "ALIGNMENT": "the memory begins at an address at which such numbers cannot",
+    "MEMORY": "there is no memory for the table",
+}
+"""What NAME_load and NAME_use answer, in the order of their numbers."""
+
+INCLUDES = """#if defined(__unix__) || defined(__APPLE__)
+#define HF_MAPS
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#else
+#include <stdio.h>
+#include <stdlib.h>
+#endif"""
+
+
+@checked
+def export_c_table(law: Law | Switching, path: str | Path) -> Path:
+    """Write the table of the law, for what `export_c(..., table="file")` wrote.
+
+    Raises `DefinitionError` for a law without the table of a kernel, and `OutputError` where the
+    file cannot be written.
+    """
+    if law.lookup is None or isinstance(law.lookup, CellLookup):
+        raise DefinitionError(
+            f"law '{law.name}' has no kernel", expected="the law of a kernel, whose table is large"
+        )
+    path = Path(path)
+    with atomic_file(path) as partial, partial.open("wb") as file:
+        file.write(header_of(law.lookup))
+        for values in _numbers(law.lookup):
+            file.write(_bytes(values))
+    return path
+
+
+def numbers_of(lookup: Lookup | None) -> int:
+    """How many numbers the table of a kernel has; 0 without one."""
+    if lookup is None or isinstance(lookup, CellLookup):
+        return 0
+    table: Any = lookup.table
+    return int(np.prod([int(n) for n in table[3]]))
+
+
+def header_of(lookup: Lookup) -> bytes:
+    """The bytes before the numbers."""
+    table: Any = lookup.table
+    shape, digest = [int(n) for n in table[3]], hashlib.sha256()
+    for values in _numbers(lookup):
+        digest.update(_bytes(values))
+    size, count = table[0].dtype.itemsize, numbers_of(lookup)
+    said = struct.pack("<8sIIQQ", b"HFTABLE\0", LAYOUT, size, len(shape), count)
+    text = said + digest.digest() + struct.pack(f"<{len(shape)}Q", *shape)
+    return text + bytes(-len(text) % 64)
+
+
+def loader(lookup: Lookup, name: str) -> str:
+    """The C that loads the table, its names without the prefix of the law."""
+    header = header_of(lookup)
+    rows = (", ".join(map(str, header[k : k + 16])) for k in range(0, len(header), 16))
+    count = numbers_of(lookup)
+    return (
+        f"{_fits(count)}#define HF_HEADER {len(header)}\n#define HF_DIGEST {DIGEST}\n"
+        f"#define HF_COUNT ((size_t){count}u)\n"
+        f"static const unsigned char hf_header[HF_HEADER] = {{\n    "
+        + ",\n    ".join(rows)
+        + "\n};\n"
+        + _named(c_file("table"), name)
+    )
+
+
+def declarations(name: str) -> list[str]:
+    """What the header says of loading."""
+    text = [f"    NAME_TABLE_{fault}, /* {said} */" for fault, said in FAULTS.items()]
+    lines = [
+        "/* The table of the law is in a file. NAME_load opens it, NAME_use takes it from memory",
+        "   that stays (flash, say). Each answers one of these; unless READY, NAME_step gives NAN.",
+        "   The file is mapped: while it is loaded nobody may write to it; another one may be",
+        "   given its name (rename), and be loaded then.",
+        "   With NAME_LINKED defined as a path, the table is linked, and NAME_load takes that. */",
+        "enum {",
+        *text,
+        "};",
+        "int NAME_load(const char *path);",
+        "int NAME_use(const void *memory, size_t size);",
+        "void NAME_unload(void);",
+        "",
+    ]
+    return _named("\n".join(lines), name).split("\n")
+
+
+def _fits(count: int) -> str:
+    """That whole numbers of C can count the numbers of a table."""
+    if count < 2**31:
+        return ""
+    error = f"this table of {count} numbers needs a long of 64 bits"
+    return f"#include <limits.h>\n#if LONG_MAX < {count}\n#error {error}\n#endif\n"
+
+
+def _named(text: str, name: str) -> str:
+    for part in ("TABLE_", "LINKED"):
+        text = text.replace(f"NAME_{part}", f"{name.upper()}_{part}")
+    return text.replace("NAME_", f"{name}_")
+
+
+def _numbers(lookup: Lookup) -> Iterator[AnyArray]:
+    """The numbers of the table, little-endian, in parts."""
+    table: Any = lookup.table
+    for part in in_turn(table[0]):
+        values = np.ascontiguousarray(part)
+        yield values.astype(values.dtype.newbyteorder("<"), copy=False)
+
+
+def _bytes(values: AnyArray) -> memoryview:
+    """The bytes of an array, without a copy."""
+    return memoryview(values.view(np.uint8).data)
+
+
+GRID = "hf_low, hf_steps, hf_shape, hf_periodic"
+
+SHORT = 2**16
+"""An entry of a table of cells is a whole number below it."""
+
+
+class CTable:
+    """The parts of an exported law that a table has.
+
+    text: the numbers; needed: the scalar functions that look them up. found: the statements that
+    fill `look` with what the table says; asked: those that note whether the state was outside.
+    said: what is to be known of whoever calls it. included, declared: for a table `in_file`, what
+    its loader includes and what the header says of it; guard: what NAME_step does without it.
+    """
+
+    needed: tuple[str, ...]
+    said: tuple[str, ...] = ()
+    included: tuple[str, ...] = ()
+    declared: tuple[str, ...] = ()
+    guard: str = ""
+
+    @classmethod
+    def of(cls, law: Law | Switching, name: str, *, in_file: bool) -> CTable | None:
+        """Of the law `name` in C; None if it has no table."""
+        if law.lookup is not None:
+            return cls(law.lookup, name, in_file=in_file)
+        if in_file:
+            raise DefinitionError(f"law '{law.name}' has no table", expected='table="text"')
+        return None
+
+    def __init__(self, lookup: Lookup, name: str, *, in_file: bool = False) -> None:
+        axes, count = len(lookup.places), len(lookup.symbols)
+        if isinstance(lookup, CellLookup):
+            if in_file:
+                raise DefinitionError(
+                    "the table of a certificate is in the source",
+                    expected='a kernel, for table="file"',
+                )
+            rows = lookup.table[6]  # type: ignore[index]
+            call = (
+                f"hf_look_in_cells(hf_entries, place, hf_numbers, hf_shape, hf_periodic, {axes}, "
+                f"{rows}, {count}, look, near)"
+            )
+            self.text, self.needed = _cells(lookup), ("look_in_cells",)
+            self.said = _counted(lookup)
+            room = f"    double look[{count}];\n    long near[{2 * axes}];\n"
+            self.found = f"{_placed(axes, 'kept')}{room}    (void){call};\n"
+            self.asked = (
+                f"{_placed(axes, 's->kept')}    {{\n{room}    s->outside = !{call};\n    }}\n"
+            )
+            self.outside = (
+                "1 if the state was in no certified cell: the input is that of the nearest one"
+            )
+            return
+        numbers, whole = numbers_of_places(axes)
+        self.text, self.needed = _grid(lookup, name if in_file else ""), ("look_up", "beyond_grid")
+        if in_file:
+            self.included, self.declared = (INCLUDES,), tuple(declarations(name))
+            self.guard = _unloaded(name)
+        self.found = (
+            f"{_placed(axes, 'kept')}    double look[{count}], between[{numbers}];\n"
+            f"    long near[{whole}];\n"
+            f"    hf_look_up(hf_values, place, {GRID}, {axes}, {count - 1}, look, between, near);\n"
+        )
+        call = f"hf_beyond_grid(place, {GRID}, {axes}, {int(lookup.timed)})"
+        self.asked = f"{_placed(axes, 's->kept')}    s->outside = {call};\n"
+        self.outside = (
+            "1 if the state was outside the grid of the kernel: the nearest place of the grid is "
+            "used"
+        )
+
+
+def _placed(axes: int, kept: str) -> str:
+    return f"    double place[{axes}];\n    hf_place(t, seen, {kept}, p, place);\n"
+
+
+def _unloaded(name: str) -> str:
+    upper = name.upper()
+    return (
+        "    if (!hf_values) {\n"
+        f"        for (int i = 0; i < {upper}_INPUTS; i++) command[i] = NAN;\n"
+        f"        for (int i = 0; i < {upper}_ACTUATORS; i++) actuators[i] = NAN;\n"
+        "        s->outside = 1;\n        return s->mode;\n    }\n"
+    )
+
+
+def _grid(lookup: Lookup, loaded_by: str) -> str:
+    """The grid and the values of a table, for the functions of `interpolate.py`.
+
+    loaded_by: the name of the law, where the values are in a file.
+    """
+    table: Any = lookup.table
+    values, low, steps, shape, periodic = table
+    kind = "float" if values.dtype == np.float32 else "double"
+    grid = (
+        f"typedef {kind} hf_table;\n"
+        f"{_doubles('low', low)}{_doubles('steps', steps)}{_axes(shape, periodic)}"
+    )
+    if loaded_by:
+        return grid + loader(lookup, loaded_by)
+    values = in_memory(values)
+    return f"{grid}static const hf_table hf_values[{len(values)}] = {{\n{_listed(values)}\n}};\n"
+
+
+def _cells(lookup: CellLookup) -> str:
+    """The edges of the cells, the rows and the entries, for `look_in_cells.py`."""
+    table: Any = lookup.table
+    entries, _, _, shape, periodic, numbers, _ = table
+    if not entries.max() < SHORT:
+        raise DefinitionError(
+            f"a table of cells with the entry {int(entries.max())}",
+            expected=f"fewer than {SHORT // 2} inputs and {SHORT} sampling periods in C",
+        )
+    return (
+        "typedef unsigned short hf_table;\n"
+        f"{_axes(shape, periodic)}{_doubles('numbers', numbers)}"
+        f"static const hf_table hf_entries[{len(entries)}] = {{\n"
+        f"{_listed([int(e) for e in entries], 16)}\n}};\n"
+    )
+
+
+def _counted(lookup: CellLookup) -> tuple[str, ...]:
+    """What the certificate of a table of cells promises for."""
+    late = f"late by up to {lookup.delay!r} s" if lookup.delay else "without delay"
+    errors = [
+        f"{place} measured to {error!r}"
+        for place, error in zip(lookup.places, lookup.errors, strict=False)
+        if error
+    ]
+    return (
+        f"certified for inputs that are held for {lookup.hold!r} s, {late}",
+        f"certified for {', '.join(errors)}" if errors else "certified for exact measurements",
+    )
+
+
+def _axes(shape: Iterable[Any], periodic: Iterable[Any]) -> str:
+    counts, turns = [int(k) for k in shape], [int(k) for k in periodic]
+    return (
+        f"static const long hf_shape[{len(counts)}] = {{{_listed(counts)}}};\n"
+        f"static const long hf_periodic[{len(turns)}] = {{{_listed(turns)}}};\n"
+    )
+
+
+def _doubles(name: str, values: Any) -> str:
+    return f"static const double hf_{name}[{len(values)}] = {{{_listed(values)}}};\n"
+
+
+def _listed(values: Iterable[Any], across: int = 8) -> str:
+    """The numbers of an array, so many per line."""
+    texts = [_number(v) for v in values]
+    return ",\n".join(", ".join(texts[k : k + across]) for k in range(0, len(texts), across))
+
+
+def _number(value: Any) -> str:
+    """The shortest text that reads back as this number."""
+    if isinstance(value, int):
+        return str(value)
+    if math.isfinite(value):
+        return f"{value!s}f" if isinstance(value, np.float32) else repr(float(value))
+    return "NAN" if math.isnan(value) else ("INFINITY" if value > 0 else "-INFINITY")
+
 
 SLACK = "0 if an input was admissible, else the relaxation of the safeguard"
 

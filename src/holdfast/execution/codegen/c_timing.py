@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.errors import SimulationError
-from holdfast.execution.codegen.c_text import c_file, c_name
+from holdfast.execution.codegen.c_source import c_file, c_name
 
 COMPILERS = ("cc", "gcc", "clang")
 OPTIONS = ("-std=c99", "-O2")

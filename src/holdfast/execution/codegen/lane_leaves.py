@@ -1,6 +1,11 @@
-"""Leaves that no program decides: samples, the steps of a Runge-Kutta method, notes of a run.
+"""Leaves that no program decides: of a sample, a step, a crossing, a mode, and random numbers.
 
 They depend on the numbers of states, constraints and actuators only. Flags are 1 or 0.
+
+The peak of c_j inside a step is found by golden section along the interpolated state, so that a
+kink (the smaller of two constraints, a magnitude) is found as well as a smooth peak; the time at
+which an inequality is violated by bisection. Of a controller there are its mode, its command and
+its safeguard's notes; random are measurement noise, starts, and what differs from run to run.
 """
 
 from __future__ import annotations
@@ -9,6 +14,14 @@ from collections.abc import Callable, Mapping, Sequence
 
 from holdfast.execution.arithmetic.basics import greatest, least
 from holdfast.execution.arithmetic.exponential import power
+from holdfast.execution.arithmetic.random import (
+    NORMAL,
+    START,
+    UNIFORM,
+    VARIED,
+    normal,
+    two_uniforms,
+)
 from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose, root
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.simulation.outcomes import Outcome
@@ -301,5 +314,387 @@ def _peaks(rows: Sequence[int]) -> Results:
             for size, old in zip(sizes, values["p"], strict=True)
         ]
         return [choose(good, 0.0, alive), *largest]
+
+    return results
+
+
+SEARCH = (
+    "number", "earliest", "culprit", "top", "top_at", "crosses", "lower", "upper", "left", "right",
+    "c_left", "c_right", "on_left", "fraction",
+)  # fmt: skip
+"""Rows of a search: which constraint, the first violation so far and its constraint, the largest
+c_j and its place, whether it is violated; and the ends and places of a search in (0, 1)."""
+
+GOLDEN_STEPS, BISECTION_STEPS = 40, 50
+_RATIO = 0.6180339887498949
+
+
+def crossing_leaves(states: int) -> dict[str, Leaf]:
+    """The leaves of a search along a step of a system with so many states.
+
+    Most read the clock as t, the rows of `SEARCH` as q, and c_j at the fraction as x.
+    """
+    found = {
+        "between": made(_between, t=len(CLOCK), q=2 * states, x=2 * states, p=1),
+        "raise": made(_raise, q=len(SEARCH), x=1, p=1),
+    }
+    for name, results in _RESULTS.items():
+        found[name] = made(results, t=len(CLOCK), q=len(SEARCH), x=1, p=1)
+    return found
+
+
+def _between(steps: Steps, values: Rows) -> list[Value]:
+    """The state at the fraction p of a step, by Hermite's polynomial: q, dq/dt at both ends."""
+    (s,), h, n = values["p"], clock(values)["h"], len(values["q"]) // 2
+    a, da, b, db = values["q"][:n], values["q"][n:], values["x"][:n], values["x"][n:]
+    s2 = s * s
+    w = 3.0 * s2 - 2.0 * s2 * s
+    rises = [(s - 2.0 * s2 + s2 * s) * u + (s2 * s - s2) * v for u, v in zip(da, db, strict=True)]
+    return [(1.0 - w) * x + w * y + h * rise for x, y, rise in zip(a, b, rises, strict=True)]
+
+
+def _rows(values: Rows) -> dict[str, Value]:
+    return dict(zip(SEARCH, values["q"], strict=True))
+
+
+def _search(steps: Steps, values: Rows) -> list[Value]:
+    """number .. culprit: no constraint is tried yet."""
+    return [steps.constant(value, FLOAT) for value in (-1.0, 2.0, -1.0)]
+
+
+def _open(steps: Steps, values: Rows) -> list[Value]:
+    """number .. top_at: the next constraint, whose value at the end of the step is x."""
+    at = _rows(values)
+    return [
+        at["number"] + 1.0, at["earliest"], at["culprit"],
+        values["x"][0], steps.constant(1.0, FLOAT),
+    ]  # fmt: skip
+
+
+def _golden(steps: Steps, values: Rows) -> list[Value]:
+    """lower .. fraction: the whole step, to be tried on the left."""
+    none, one = steps.constant(0.0, FLOAT), steps.constant(1.0, FLOAT)
+    left, right = steps.constant(1.0 - _RATIO, FLOAT), steps.constant(_RATIO, FLOAT)
+    return [none, one, left, right, none, none, none, left]
+
+
+def _golden_left(steps: Steps, values: Rows) -> list[Value]:
+    """c_left .. fraction: found on the left, to be tried on the right."""
+    at = _rows(values)
+    return [values["x"][0], at["c_right"], at["on_left"], at["right"]]
+
+
+def _golden_right(steps: Steps, values: Rows) -> list[Value]:
+    """c_right."""
+    return [values["x"][0]]
+
+
+def _golden_turn(steps: Steps, values: Rows) -> list[Value]:
+    """lower .. fraction: the part with the larger value, and where it is tried next."""
+    at = _rows(values)
+    on_left = at["c_left"] > at["c_right"]
+    lower, upper = (
+        choose(on_left, at["lower"], at["left"]),
+        choose(on_left, at["right"], at["upper"]),
+    )
+    width = _RATIO * (upper - lower)
+    left = choose(on_left, upper - width, at["right"])
+    right = choose(on_left, at["left"], lower + width)
+    c = choose(on_left, at["c_left"], at["c_right"])  # of the place that is kept
+    return [lower, upper, left, right, c, c, flag(on_left), choose(on_left, left, right)]
+
+
+def _golden_take(steps: Steps, values: Rows) -> list[Value]:
+    """c_left, c_right: the new value x in its place."""
+    at, x = _rows(values), values["x"][0]
+    on_left = at["on_left"].differs(0.0)
+    return [choose(on_left, x, at["c_left"]), choose(on_left, at["c_right"], x)]
+
+
+def _golden_end(steps: Steps, values: Rows) -> list[Value]:
+    """fraction: the middle of what is left."""
+    at = _rows(values)
+    return [0.5 * (at["lower"] + at["upper"])]
+
+
+def _peaked(steps: Steps, values: Rows) -> list[Value]:
+    """top, top_at: the peak x in lanes with the flag p, if it is larger."""
+    at, x = _rows(values), values["x"][0]
+    higher = values["p"][0].differs(0.0) & (x > at["top"])
+    return [choose(higher, x, at["top"]), choose(higher, at["fraction"], at["top_at"])]
+
+
+def _raise(steps: Steps, values: Rows) -> list[Value]:
+    """The largest c_j so far, x, in lanes with the flag p."""
+    top, x = _rows(values)["top"], values["x"][0]
+    return [choose(values["p"][0].differs(0.0) & (top > x), top, x)]
+
+
+def _crosses(steps: Steps, values: Rows) -> list[Value]:
+    """crosses: whether a lane with the flag p leaves its region in this step by this c_j."""
+    at, now = _rows(values), clock(values)
+    leaves = (at["top"] > now["tolerance"]) & now["outcome"].differs(Outcome.LEFT)
+    return [flag(values["p"][0].differs(0.0) & leaves)]
+
+
+def _bisect(steps: Steps, values: Rows) -> list[Value]:
+    """lower .. fraction: the step up to its peak, to be tried in the middle."""
+    at, none = _rows(values), steps.constant(0.0, FLOAT)
+    upper = at["top_at"]
+    return [none, upper, none, none, none, none, none, 0.5 * (none + upper)]
+
+
+def _bisect_turn(steps: Steps, values: Rows) -> list[Value]:
+    """lower .. fraction: the half in which c_j, which is x in the middle, exceeds the tolerance."""
+    at = _rows(values)
+    above = values["x"][0] > clock(values)["tolerance"]
+    lower = choose(above, at["lower"], at["fraction"])
+    upper = choose(above, at["fraction"], at["upper"])
+    between = [at[name] for name in SEARCH[SEARCH.index("left") : SEARCH.index("fraction")]]
+    return [lower, upper, *between, 0.5 * (lower + upper)]
+
+
+def _crossed(steps: Steps, values: Rows) -> list[Value]:
+    """earliest, culprit: this constraint, if it is violated first."""
+    at = _rows(values)
+    first = at["crosses"].differs(0.0) & (at["upper"] < at["earliest"])
+    return [
+        choose(first, at["upper"], at["earliest"]), choose(first, at["number"], at["culprit"])
+    ]  # fmt: skip
+
+
+def _leave(steps: Steps, values: Rows) -> list[Value]:
+    """outcome, exit_time, exit_constraint of the clock."""
+    at, now = _rows(values), clock(values)
+    leaves = at["culprit"] >= 0.0
+    time = now["time"] + now["elapsed"] + at["earliest"] * now["h"]
+    return [
+        choose(leaves, Outcome.LEFT, now["outcome"]),
+        choose(leaves, time, now["exit_time"]),
+        choose(leaves, at["culprit"], now["exit_constraint"]),
+    ]
+
+
+_RESULTS: dict[str, Results] = {
+    "search": _search, "open": _open, "golden": _golden, "golden_left": _golden_left,
+    "golden_right": _golden_right, "golden_turn": _golden_turn, "golden_take": _golden_take,
+    "golden_end": _golden_end, "peaked": _peaked, "crosses": _crosses, "bisect": _bisect,
+    "bisect_turn": _bisect_turn, "crossed": _crossed, "leave": _leave,
+}  # fmt: skip
+
+
+SWITCHES = ("since", "switches", "shortest", "recent", "mode")
+"""Rows of a mode, followed by a flag for each mode that lanes are in, and by `TURNS`.
+
+since: when the mode changed; recent: how often within a second.
+"""
+TURNS = ("time_in_mode", "next_mode", "changed", "forgotten")
+"""Rows that a sample fills; forgotten: a change that is a second ago."""
+
+
+def mode_leaves(
+    targets: Sequence[Sequence[int]],
+    conditions: Sequence[tuple[int, int]],
+    foresights: Sequence[tuple[int, ...]],
+    inputs: int,
+    switch_limit: int,
+) -> dict[str, Leaf]:
+    """The leaves of modes whose guards have these targets and whose safeguards these conditions.
+
+    switch_limit: changes of mode within a second beyond which a run chatters.
+    """
+    modes, safeguarded = len(targets), any(count for count, _ in conditions)
+    kept = 2 if safeguarded else 0
+    rows = {"t": len(CLOCK), "q": len(SWITCHES), "x": len(TURNS)}
+    found = {}
+    if modes > 1:
+        found["where"] = made(_where(modes), **rows)
+    if any(targets):
+        found["changed"] = made(_changed, **rows)
+        found["switch"] = made(_switch(modes), **rows)
+        found["chatter"] = made(_chatter(switch_limit), **rows)
+    for k, own in enumerate(targets):
+        if own:
+            found[f"turn{k}"] = made(_turn(k, own), t=1, q=len(own), x=1)
+    if modes > 1 or safeguarded:
+        for k in range(modes):
+            found[f"blend{k}"] = made(_blend(k, inputs), t=1, q=2 * inputs + kept, x=inputs)
+    if safeguarded:
+        found["kept"] = made(_kept, t=len(CLOCK), q=5)
+    for k, (count, _) in enumerate(conditions):
+        if count:
+            answer = inputs + count * (inputs + 1)
+            found[f"held{k}"] = made(
+                _held(k, inputs, count, bool(foresights[k])), t=len(CLOCK), q=answer, x=1
+            )
+    return found
+
+
+def _switching(values: Rows) -> dict[str, Value]:
+    named = dict(zip(SWITCHES, values["q"], strict=True))
+    return clock(values) | named | dict(zip(TURNS, values["x"], strict=True))
+
+
+def _in_modes(mode: Value, alive: Value, modes: int) -> list[Value]:
+    return [choose(mode.equals(float(k)), alive, 0.0) for k in range(modes)]
+
+
+def _where(modes: int) -> Results:
+    """The flags of the modes, time_in_mode and next_mode."""
+
+    def results(steps: Steps, values: Rows) -> list[Value]:
+        at = _switching(values)
+        flags = _in_modes(at["mode"], at["alive"], modes)
+        return [*flags, at["time"] - at["since"], at["mode"]]
+
+    return results
+
+
+def _turn(k: int, targets: Sequence[int]) -> Results:
+    """The next mode x of lanes in mode k: the target of the first level q that is not negative."""
+
+    def results(steps: Steps, values: Rows) -> list[Value]:
+        (mode,), (found,) = values["t"], values["x"]
+        mine = mode.equals(float(k))
+        for level, target in reversed(list(zip(values["q"], targets, strict=True))):
+            found = choose(mine & (level >= 0.0), float(target), found)
+        return [found]
+
+    return results
+
+
+def _changed(steps: Steps, values: Rows) -> list[Value]:
+    at = _switching(values)
+    return [choose(at["next_mode"].differs(at["mode"]), at["alive"], 0.0)]
+
+
+def _switch(modes: int) -> Results:
+    """The rows of `SWITCHES` and the flags of the modes, after the modes changed."""
+
+    def results(steps: Steps, values: Rows) -> list[Value]:
+        at = _switching(values)
+        changes = at["changed"].differs(0.0)
+        dwell = at["time"] - at["since"]
+        shorter = changes & (at["switches"] > 0.0) & (dwell < at["shortest"])
+        mode = choose(changes, at["next_mode"], at["mode"])
+        return [
+            choose(changes, at["time"], at["since"]),
+            at["switches"] + at["changed"],
+            choose(shorter, dwell, at["shortest"]),
+            at["recent"] + at["changed"] - at["forgotten"],
+            mode,
+            *_in_modes(mode, at["alive"], modes),
+        ]
+
+    return results
+
+
+def _chatter(limit: int) -> Results:
+    """outcome, exit_time: of lanes whose mode has just changed more often than the limit."""
+
+    def results(steps: Steps, values: Rows) -> list[Value]:
+        at = _switching(values)
+        chatters = at["changed"].differs(0.0) & (at["recent"] > float(limit))
+        chatters = chatters & at["outcome"].equals(Outcome.STAYED)
+        return [
+            choose(chatters, Outcome.CHATTERED, at["outcome"]),
+            choose(chatters, at["time"], at["exit_time"]),
+        ]
+
+    return results
+
+
+def _blend(k: int, inputs: int) -> Results:
+    """The command, the nominal command, the slack and whether it is overruled, in lanes of mode k:
+    the answer x, neither relaxed nor overruled."""
+
+    def results(steps: Steps, values: Rows) -> list[Value]:
+        mine, none = values["t"][0].equals(float(k)), steps.constant(0.0, FLOAT)
+        answer = [*values["x"], *values["x"], none, none]
+        return [choose(mine, x, q) for q, x in zip(values["q"], answer, strict=False)]
+
+    return results
+
+
+def _held(k: int, inputs: int, count: int, ahead: bool) -> Results:
+    """Whether the command of a lane in mode k violates a condition of its safeguard, or is NaN;
+    where it looks ahead, that is not known.
+
+    q: the command, and for each condition the entries of its normal and its offset.
+    """
+
+    def results(steps: Steps, values: Rows) -> list[Value]:
+        wanted, rows = values["q"][:inputs], values["q"][inputs:]
+        good = values["x"][0].differs(float(k))
+        if ahead:
+            return [choose(good, 0.0, clock(values)["alive"])]
+        met: Value | None = None
+        for j in range(count):
+            *normal, offset = rows[j * (inputs + 1) : (j + 1) * (inputs + 1)]
+            level = -offset
+            for a, u in zip(normal, wanted, strict=True):
+                level = level + a * u
+            met = level <= 0.0 if met is None else met & (level <= 0.0)
+        assert met is not None
+        return [choose(good | met, 0.0, clock(values)["alive"])]
+
+    return results
+
+
+def _kept(steps: Steps, values: Rows) -> list[Value]:
+    """How often a run was overruled, how often relaxed, and the largest slack.
+
+    q: slack, overruled, and these three.
+    """
+    alive = clock(values)["alive"].differs(0.0)
+    slack, overruled, overrules, infeasible, largest = values["q"]
+    relaxed = alive & (slack > 0.0)
+    return [
+        overrules + flag(alive & (overruled > 0.0)),
+        infeasible + flag(relaxed),
+        choose(relaxed & (slack > largest), slack, largest),
+    ]
+
+
+DRAW = ("run", "draw", "seed_low", "seed_high")
+"""Rows of what a number is drawn for: which run, which of its draws; the seed's two words."""
+
+
+def noise_leaf(states: int) -> Leaf:
+    """The states x with noise: half-widths, then standard deviations p, for `DRAW` t."""
+
+    def results(steps: Steps, values: Rows) -> list[Value]:
+        run, sample, *seed = values["t"]
+        wide, deviations = values["p"][:states], values["p"][states:]
+        found = []
+        for i, x in enumerate(values["x"]):
+            a, _ = two_uniforms((seed[0], seed[1]), run, sample, i, UNIFORM)
+            b, c = two_uniforms((seed[0], seed[1]), run, sample, i, NORMAL)
+            found.append(x + wide[i] * (2.0 * a - 1.0) + deviations[i] * normal(b, c))
+        return found
+
+    return made(results, t=len(DRAW), x=states, p=2 * states)
+
+
+def starts_leaf(count: int) -> Leaf:
+    """A uniform state of the box from q to x, at the draw of `DRAW` t."""
+    return made(_uniform(count, START), t=len(DRAW), q=count, x=count)
+
+
+def varied_leaf(count: int) -> Leaf:
+    """Uniform numbers from q to x for a run."""
+    return made(_uniform(count, VARIED), t=len(DRAW), q=count, x=count)
+
+
+def _uniform(count: int, purpose: int) -> Results:
+    def results(steps: Steps, values: Rows) -> list[Value]:
+        run, sample, *seed = values["t"]
+        sample = steps.constant(0.0, FLOAT) if purpose == VARIED else sample
+        found = []
+        for i in range(count):
+            a, _ = two_uniforms((seed[0], seed[1]), run, sample, i, purpose)
+            low, high = values["q"][i], values["x"][i]
+            found.append(low + a * (high - low))
+        return found
 
     return results

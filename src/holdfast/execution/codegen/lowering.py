@@ -8,7 +8,7 @@ from typing import Any
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.execution.arithmetic import basics, exponential, trigonometric, walls
+from holdfast.execution.arithmetic import basics, exponential, trigonometric
 from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, root
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.maths.expressions.traversal import symbols_of
@@ -173,9 +173,9 @@ _ALGEBRAIC = frozenset(
 )
 
 _PICKED: dict[str, tuple[int, Callable[..., tuple[Value, ...]]]] = {
-    "nearest_on_walls": (2, walls.nearest_on_walls),
-    "nearest_to_sight": (4, walls.nearest_to_sight),
-    "nearest_face": (2, walls.nearest_face),
+    "nearest_on_walls": (2, basics.nearest_on_walls),
+    "nearest_to_sight": (4, basics.nearest_to_sight),
+    "nearest_face": (2, basics.nearest_face),
 }
 """Functions of some coordinates and of walls, of whose results the first argument picks one."""
 

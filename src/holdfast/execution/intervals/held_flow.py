@@ -40,10 +40,9 @@ from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.intervals.interval import Interval, smallest
-from holdfast.execution.intervals.law_ranges import LawRanges
-from holdfast.execution.intervals.rows import (
+from holdfast.execution.intervals.interval import (
     FITS,
+    Interval,
     Row,
     common,
     constant,
@@ -54,7 +53,9 @@ from holdfast.execution.intervals.rows import (
     number,
     pairs,
     share,
+    smallest,
 )
+from holdfast.execution.intervals.law_ranges import LawRanges
 from holdfast.execution.intervals.tape import Tape
 from holdfast.execution.leaf import Leaves, compiled_leaves
 from holdfast.maths.definitions.law_cases import LawCases

@@ -26,7 +26,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic.steps import FLOAT, Steps
-from holdfast.execution.intervals import functions
+from holdfast.execution.intervals import enclosure
 from holdfast.execution.intervals.enclosure import FUNCTIONS, IntervalLowering
 from holdfast.execution.intervals.interval import Interval, chosen, hull, unknown_where
 from holdfast.maths.expressions.plain_text import plain_text
@@ -216,7 +216,7 @@ def _value(steps: Steps, o: Operation, x: Row, known: Known) -> Interval:
         case "number":
             return number(steps, o.of)
         case "pi":
-            low, high = functions.PI_LOW, functions.PI_HIGH
+            low, high = enclosure.PI_LOW, enclosure.PI_HIGH
             return Interval(steps.constant(low, FLOAT), steps.constant(high, FLOAT))
         case "symbol":
             return known[o.of]
@@ -270,19 +270,19 @@ def _coefficients(steps: Steps, o: Operation, x: Interval, most: int) -> Row:
                 lambda: (r.power(5) * Interval.point(steps, 16.0)).inverse(),
             )
         case "exp":
-            e = functions.exponential_of(x)
+            e = enclosure.exponential_of(x)
             return some(
                 lambda: e, lambda: e, lambda: times(e, one, 1, 2), lambda: times(e, one, 1, 6)
             )
         case "log":
             return some(
-                lambda: functions.logarithm(x),
+                lambda: enclosure.logarithm(x),
                 x.inverse,
                 lambda: times(x.inverse().power(2), one, -1, 2),
                 lambda: times(x.inverse().power(3), one, 1, 3),
             )
         case "sin" | "cos":
-            s, c = functions.sine(x), functions.cosine(x)
+            s, c = enclosure.sine(x), enclosure.cosine(x)
             a, b = (s, c) if o.name == "sin" else (c, -s)
             return some(
                 lambda: a, lambda: b, lambda: times(a, one, -1, 2), lambda: times(b, one, -1, 6)
@@ -297,7 +297,7 @@ def _coefficients(steps: Steps, o: Operation, x: Interval, most: int) -> Row:
             )
     v = (one + x.power(2)).inverse()  # of atan
     return some(
-        lambda: functions.arctangent(x),
+        lambda: enclosure.arctangent(x),
         lambda: v,
         lambda: times(x, v.power(2), -1),
         lambda: times(v.power(3), x.power(2) * Interval.point(steps, 3.0) - one, 1, 3),
@@ -330,7 +330,7 @@ def _slope(o: Operation, value: Interval, x: Row, slopes: Slopes) -> Interval:
             return _coefficients(steps, o, x[0], 1)[1] * first
         case "Abs" | "magnitude":
             assert first is not None
-            return functions.sign(x[0]) * first
+            return enclosure.sign(x[0]) * first
         case "least" | "greatest" | "Min" | "Max" if len(x) == 2:
             a, b = x if o.name in ("least", "Min") else x[::-1]  # where a <= b it is the first
             p, q = (_or_zero(steps, s) for s in slopes)
@@ -350,7 +350,7 @@ def _slope(o: Operation, value: Interval, x: Row, slopes: Slopes) -> Interval:
             return unknown_where(jumps, found)
         case "wrap":
             assert first is not None
-            jumps = (value.low <= -functions.PI_LOW) & (value.high >= functions.PI_LOW)
+            jumps = (value.low <= -enclosure.PI_LOW) & (value.high >= enclosure.PI_LOW)
             return unknown_where(jumps, first)
     nan = float("nan")
     return Interval(steps.constant(nan, FLOAT), steps.constant(nan, FLOAT))

@@ -55,8 +55,7 @@ from typing import NamedTuple
 import sympy as sp
 
 from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, Steps, Value, choose
-from holdfast.execution.codegen.llvm_body import LANES, Body, Format, Module, repeated
-from holdfast.execution.codegen.llvm_text import Leaf
+from holdfast.execution.codegen.llvm_text import LANES, Body, Format, Leaf, Module, repeated
 from holdfast.execution.codegen.lowering import is_algebraic, lowered
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian

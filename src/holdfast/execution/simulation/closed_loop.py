@@ -18,9 +18,9 @@ import numpy.typing as npt
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import PREPARED, SHARED, ClosedLoopProgram
+from holdfast.execution.codegen.lane_leaves import starts_leaf, varied_leaf
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.loop_text import WIDTH
-from holdfast.execution.codegen.random_leaves import starts_leaf, varied_leaf
 from holdfast.execution.device.program import device_named
 from holdfast.execution.leaf import Leaves, compiled_leaves
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads

@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
-from holdfast.execution.codegen.crossing_leaves import SEARCH
-from holdfast.execution.codegen.lane_leaves import CLOCK
+from holdfast.execution.codegen.lane_leaves import CLOCK, DRAW, SEARCH, SWITCHES, TURNS
 from holdfast.execution.codegen.loop_text import RING, WIDTH
-from holdfast.execution.codegen.mode_leaves import SWITCHES, TURNS
-from holdfast.execution.codegen.random_leaves import DRAW
 from holdfast.execution.foreseen import CUTS, numbers_of_search
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs

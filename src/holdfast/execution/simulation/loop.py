@@ -24,16 +24,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
-from holdfast.execution.codegen.crossing_leaves import (
+from holdfast.execution.codegen.lane_leaves import (
     BISECTION_STEPS,
     GOLDEN_STEPS,
     crossing_leaves,
+    mode_leaves,
+    noise_leaf,
+    note_leaves,
+    step_leaves,
 )
-from holdfast.execution.codegen.lane_leaves import note_leaves, step_leaves
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.loop_text import Instructions, LoopText
-from holdfast.execution.codegen.mode_leaves import mode_leaves
-from holdfast.execution.codegen.random_leaves import noise_leaf
 from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, STRIDE, Layout, Shape
 
 

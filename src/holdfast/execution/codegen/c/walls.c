@@ -1,4 +1,4 @@
-/* Where walls are nearest (as arithmetic/walls.py of holdfast has it). A wall is x0, y0, x1, y1. */
+/* Where walls are nearest (as arithmetic/basics.py of holdfast has it). A wall is x0, y0, x1, y1. */
 
 /* The share of the way from a to b that is nearest to (x, y), and the distance squared. */
 static double hf_foot(double x, double y, double ax, double ay, double bx, double by,
