@@ -5,7 +5,8 @@
 
 Every scenario runs as it is shipped, with fewer runs (40) and nodes (21 in three states, 9 in six).
 A digest is of every array of its result: states, inputs, modes, outcomes, values; a kernel with a
-promise has the verdict of that too. Digests of two machines may differ in the last bit of a number.
+promise has the verdict of that too, and one that fewer nodes do not resolve has its refusal.
+Digests of two machines may differ in the last bit of a number.
 """
 
 import hashlib
@@ -16,6 +17,7 @@ import numpy as np
 import xarray as xr
 
 import holdfast as hf
+from holdfast.errors import HoldfastError
 from holdfast.scenario.files import scenario_names
 from holdfast.scenario.kinds.parts import PartsScenario
 
@@ -53,7 +55,11 @@ def digest_of(name: str) -> str:
 
 def main() -> None:
     for name in sys.argv[1:] or scenario_names():
-        print(f"{name:<28}{digest_of(name)}", flush=True)
+        try:
+            answer = digest_of(name)
+        except HoldfastError as error:
+            answer = f"refused: {error}"
+        print(f"{name:<28}{answer}", flush=True)
 
 
 if __name__ == "__main__":

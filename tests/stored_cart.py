@@ -1,8 +1,7 @@
 """The kernel of a cart in a file, to be kept and published."""
 
 import holdfast as hf
-from holdfast.analysis.kernel_index import entry_of
-from holdfast.analysis.kernel_store import Store
+from holdfast.analysis.kernel_store import Store, entry_of
 from tests.carts import BOX, WALLS, cart
 
 

@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.safety.default_promise import at_rest
+from holdfast.analysis.safety.validation import at_rest
 from holdfast.errors import ScenarioError
 from holdfast.maths.expressions.functions import (
     angle,

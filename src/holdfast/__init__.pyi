@@ -31,11 +31,11 @@ from .analysis.load import load as load
 from .analysis.online.certified_filter import CertifiedFilter as CertifiedFilter
 from .analysis.online.controller import Command as Command
 from .analysis.online.controller import Controller as Controller
+from .analysis.online.controller import Plant as Plant
 from .analysis.online.decision import Decision as Decision
+from .analysis.online.decision import DecisionRecord as DecisionRecord
 from .analysis.online.decision import Decisions as Decisions
 from .analysis.online.decision import Status as Status
-from .analysis.online.decision_record import DecisionRecord as DecisionRecord
-from .analysis.online.plant import Plant as Plant
 from .analysis.online.relay import Relay as Relay
 from .analysis.online.safety_filter import SafetyFilter as SafetyFilter
 from .analysis.reachability.grid import Grid as Grid
@@ -51,9 +51,9 @@ from .analysis.reachability.solve import forward_reachable_set as forward_reacha
 from .analysis.reachability.solve import invariance_kernel as invariance_kernel
 from .analysis.reachability.solve import viability_kernel as viability_kernel
 from .analysis.reachability.value_function import ValueFunction as ValueFunction
+from .analysis.safety.equilibria import RestingState as RestingState
 from .analysis.safety.equilibria import resting_directions as resting_directions
 from .analysis.safety.equilibria import resting_state as resting_state
-from .analysis.safety.resting_search import RestingState as RestingState
 from .analysis.safety.safety_filter import safety_law as safety_law
 from .analysis.safety.safety_filter import sampled_margin as sampled_margin
 from .analysis.safety.validation import check_promise as check_promise

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis import kernel_download
-from holdfast.analysis.kernel_index import INDEX, entry_of
-from holdfast.analysis.kernel_store import Store
+from holdfast.analysis import published_kernels
+from holdfast.analysis.kernel_store import INDEX, Store, entry_of
 from holdfast.errors import OutputError
 from tests.served_files import served
 
@@ -82,7 +81,7 @@ def test_a_beginning_that_is_whole_or_longer_ends_well(web, kernel, more):
 
 
 def test_what_came_before_an_interruption_is_kept(web, kernel, monkeypatch):
-    pieces, size = kernel_download.pieces, kernel[1].stat().st_size
+    pieces, size = published_kernels.pieces, kernel[1].stat().st_size
 
     def interrupted(answer, most):
         if most != size:
@@ -92,7 +91,7 @@ def test_what_came_before_an_interruption_is_kept(web, kernel, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as inside:
-        inside.setattr(kernel_download, "pieces", interrupted)
+        inside.setattr(published_kernels, "pieces", interrupted)
         with pytest.raises(KeyboardInterrupt):
             is_loaded(web, kernel)
     assert in_the_store() == [".part"]
@@ -112,7 +111,7 @@ def test_a_kernel_that_is_cut_or_gone_in_the_store_is_fetched_again(web, kernel)
 
 
 def test_a_server_that_says_nothing_is_given_up(web, kernel, monkeypatch):
-    monkeypatch.setattr(kernel_download, "PATIENCE", 0.2)
+    monkeypatch.setattr(published_kernels, "PATIENCE", 0.2)
     web.silent = threading.Event()
     with pytest.raises(OutputError, match=r"cannot be fetched \(timed out\)"):
         is_loaded(web, kernel)
@@ -132,7 +131,7 @@ def test_a_redirect_is_followed_with_what_is_missing(web, kernel):
 def test_a_disk_without_room_is_found_before_and_while_it_is_written(web, kernel, monkeypatch):
     few = type("Usage", (), {"free": 1000})()
     with monkeypatch.context() as inside:
-        inside.setattr(kernel_download.shutil, "disk_usage", lambda folder: few)
+        inside.setattr(published_kernels.shutil, "disk_usage", lambda folder: few)
         with pytest.raises(OutputError, match="has room for"):
             is_loaded(web, kernel)
 
@@ -140,7 +139,7 @@ def test_a_disk_without_room_is_found_before_and_while_it_is_written(web, kernel
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as inside:
-        inside.setattr(kernel_download.os, "fsync", full)
+        inside.setattr(published_kernels.os, "fsync", full)
         with pytest.raises(OutputError, match=r"No space left .* with HOLDFAST_STORE"):
             is_loaded(web, kernel)
     assert is_loaded(web, kernel)

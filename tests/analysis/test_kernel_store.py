@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.kernel_index import INDEX, entry_of, index_of
-from holdfast.analysis.kernel_store import Store
+from holdfast.analysis.kernel_store import INDEX, Store, entry_of, index_of
 from holdfast.errors import OutputError, ScenarioError
 from holdfast.scenario.kernel_reference import named_kernel
 from tests.served_files import served

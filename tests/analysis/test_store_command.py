@@ -7,8 +7,7 @@ import numpy as np
 from click.testing import CliRunner
 
 import holdfast as hf
-from holdfast.analysis.kernel_index import INDEX, entry_of, index_text
-from holdfast.analysis.kernel_store import Store
+from holdfast.analysis.kernel_store import INDEX, Store, entry_of, index_text
 from holdfast.commands.store import command
 
 

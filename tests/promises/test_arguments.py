@@ -493,7 +493,7 @@ def solid():
 
 
 def plane_figure():
-    from holdfast.analysis.safety.optimal_inputs import optimal_inputs
+    from holdfast.analysis.safety.safety_filter import optimal_inputs
 
     inputs, velocity = optimal_inputs(hf.systems.unicycle(), solid(), ("x", "y"), {"psi": 0.0})
     return {

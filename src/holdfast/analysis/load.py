@@ -12,13 +12,13 @@ import numpy as np
 import xarray as xr
 
 from holdfast._version import __version__
-from holdfast.analysis.decomposition.parts_file import (
+from holdfast.analysis.decomposition.parts_value import (
     DECOMPOSITION,
+    PartsValue,
     check_part,
     decomposition_of,
     group_names,
 )
-from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.published_kernels import referred
 from holdfast.analysis.reachability.stored_values import (
     CACHE,

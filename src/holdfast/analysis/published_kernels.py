@@ -1,24 +1,183 @@
-"""Kernels by reference: of the store, of a folder beside a paper, or of an address on the web."""
+"""Kernels by reference: of the store, of a folder beside a paper, or of an address on the web.
+
+Files from the web are fetched on from where a download stopped, and checked by their digest.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
+import shutil
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Iterator
+from http.client import HTTPException
 from pathlib import Path
+from typing import IO, Any
 
-from holdfast.analysis.kernel_download import downloaded, downloaded_text
-from holdfast.analysis.kernel_index import (
+from holdfast.analysis.kernel_store import (
     INDEX,
     NAME,
+    PART,
+    PIECE,
+    STORE_VARIABLE,
     Entry,
+    Store,
     check_digest,
     check_size,
     found_in,
     index_of,
+    locked,
+    pieces,
 )
-from holdfast.analysis.kernel_store import Store
 from holdfast.errors import OutputError
+from holdfast.host.output import make_folder
 from holdfast.host.reading import MOST_TEXT as MOST_INDEX
 from holdfast.host.reading import read_small_text
+from holdfast.host.writing import not_written
+
+PATIENCE = 30.0
+"""Seconds without an answer after which a download is given up."""
+
+PARTIAL, NOTHING_MORE = 206, 416
+"""Answers of a server: what follows is a part; there is nothing from that byte on."""
+
+
+def downloaded_text(address: str, most: int) -> str:
+    """The text at an address, of at most so many bytes."""
+    with _opened(address) as answer:
+        data = b"".join(_received(answer, address, most))
+    if len(data) > most:
+        raise OutputError(f"{address} is too large", expected=f"at most {most >> 20} MiB")
+    return str(data, "utf-8", "replace")
+
+
+def downloaded(address: str, entry: Entry, store: Store) -> Entry:
+    """The kernel at an address, moved into the store once it has the size and the digest.
+
+    What came before a download stopped is kept, and the next one asks the server for the rest.
+
+    Raises `OutputError` where the file cannot be fetched or written, and for another file than that
+    of the entry, of which nothing is kept.
+    """
+    make_folder(store.folder, STORE_VARIABLE)
+    part = store.folder / f".{entry.sha256}{PART}"
+    try:
+        with _alone_with(part) as file:
+            with store.alone():  # who fetched it may not have written the index yet
+                own = store.kept(entry)
+            if own:
+                part.unlink()
+                return own
+            _check_space(store.folder, entry, file.seek(0, os.SEEK_END))
+            digest = _continued(address, entry, file)
+            if file.tell() < entry.bytes:
+                raise OutputError(
+                    f"{address} ended after {file.tell():,} of {entry.bytes:,} bytes",
+                    remedy="fetch it again: it goes on from there",
+                )
+            if file.tell() > entry.bytes or digest != entry.sha256:
+                part.unlink()
+                raise OutputError(
+                    f"{address} has not the digest that its index gives",
+                    expected=f"{entry.bytes:,} bytes with SHA-256 {entry.sha256[:12]}...",
+                    remedy="fetch it again; if that fails, tell its author",
+                )
+            os.fsync(file.fileno())
+            return store.take(part, entry)
+    except OSError as error:
+        raise not_written(part, error, STORE_VARIABLE) from None
+
+
+def _continued(address: str, entry: Entry, file: IO[bytes]) -> str:
+    """Append what is missing to a file; the digest of all of it."""
+    digest, have = hashlib.sha256(), 0
+    file.seek(0)
+    while piece := file.read(PIECE):
+        digest.update(piece)
+        have += len(piece)
+    if have > entry.bytes:
+        file.truncate(0)
+        digest, have = hashlib.sha256(), 0
+    if have == entry.bytes:
+        return digest.hexdigest()
+    with _opened(address, have) as answer:
+        if have and answer.status != PARTIAL:  # all of it comes again
+            file.truncate(0)
+            digest, have = hashlib.sha256(), 0
+        for piece in _received(answer, address, entry.bytes - have):
+            file.write(piece)
+            digest.update(piece)
+    file.seek(0, os.SEEK_END)
+    return digest.hexdigest()
+
+
+@contextlib.contextmanager
+def _alone_with(part: Path) -> Iterator[IO[bytes]]:
+    """A file to append to, which no other process writes."""
+    while True:
+        with part.open("a+b") as file:
+            locked(file.fileno())
+            if _is_at(file, part):  # and no other process took it meanwhile
+                yield file
+                return
+
+
+def _is_at(file: IO[bytes], path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _check_space(folder: Path, entry: Entry, have: int) -> None:
+    free = shutil.disk_usage(folder).free
+    if entry.bytes - have > free:
+        raise OutputError(
+            f"kernel '{entry.name}' has {entry.bytes / 2**30:.3g} GiB, and {folder} has room for "
+            f"{free / 2**30:.3g}",
+            remedy=f"make room, or set {STORE_VARIABLE} to another disk",
+        )
+
+
+def _opened(address: str, begin: int = 0) -> Any:
+    """The answer of a server: of all, or from a byte on where it can."""
+    try:
+        parts = urllib.parse.urlsplit(address)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ValueError("no http(s) address")
+        headers = {"Range": f"bytes={begin}-"} if begin else {}
+        request = urllib.request.Request(address, headers=headers)
+        answer = urllib.request.urlopen(request, timeout=PATIENCE)
+    except (OSError, ValueError, HTTPException) as error:
+        if begin and getattr(error, "code", 0) == NOTHING_MORE:
+            return _opened(address)
+        raise _offline(address, error) from None
+    told = answer.headers.get("Content-Range", "")
+    if answer.status == PARTIAL and not (begin and told.startswith(f"bytes {begin}-")):
+        answer.close()
+        if begin:
+            return _opened(address)
+        raise _offline(address, ValueError("it answers with a part"))
+    return answer
+
+
+def _received(answer: Any, address: str, most: int) -> Iterator[bytes]:
+    try:
+        yield from pieces(answer, most)
+    except (OSError, HTTPException) as error:
+        raise _offline(address, error) from None
+
+
+def _offline(address: str, error: Exception) -> OutputError:
+    reason = getattr(error, "reason", None) or error
+    return OutputError(
+        f"{address} cannot be fetched ({reason})",
+        remedy="check the address and the network; what is in the store needs none (store:NAME)",
+    )
+
 
 OF_STORE = "store:"
 WEB = ("http://", "https://")

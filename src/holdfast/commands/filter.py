@@ -22,7 +22,7 @@ from holdfast.host.streams import descriptor_of, has_reader
 from holdfast.studies.progress import bar
 
 if TYPE_CHECKING:
-    from holdfast.analysis.online.decision_record import DecisionRecord
+    from holdfast.analysis.online.decision import DecisionRecord
     from holdfast.analysis.online.safety_filter import SafetyFilter
 
     Keeps = Callable[[DecisionRecord], None]
@@ -130,7 +130,7 @@ def serve_lines(
 
     kept: called with every decision, after it was answered. remains: said after the first sample.
     """
-    from holdfast.analysis.online.sample_lines import SampleLines
+    from holdfast.analysis.online.relay import SampleLines
 
     samples, refused = SampleLines(keep, patience=patience), 0
     with postponed() as asked:
@@ -270,7 +270,7 @@ class Appended:
     @staticmethod
     def _check(path: Path) -> None:
         """Refuse a file that has something else than decisions."""
-        from holdfast.analysis.online.decision_record import DecisionRecord
+        from holdfast.analysis.online.decision import DecisionRecord
         from holdfast.errors import SimulationError
 
         try:

@@ -21,7 +21,7 @@ from holdfast.host.streams import descriptor_of, has_reader
 from holdfast.host.terminal import Foot, has_blocks, has_colours, is_live, plain
 
 if TYPE_CHECKING:
-    from holdfast.analysis.online.decision_record import DecisionRecord
+    from holdfast.analysis.online.decision import DecisionRecord
     from holdfast.analysis.online.interventions import Event
     from holdfast.interop.decision_log import DecisionLog
 
@@ -99,7 +99,7 @@ class Watch:
 
     def read(self, line: bytes) -> None:
         """Take the next line of the stream."""
-        from holdfast.analysis.online.decision_record import DecisionRecord
+        from holdfast.analysis.online.decision import DecisionRecord
 
         self.number += 1
         self._heard = time.monotonic()

@@ -30,8 +30,7 @@ def command() -> None:
 def add(file: str, name: str | None, licence: str, citation: str) -> None:
     """Keep FILE, or what FOLDER#NAME or https://...#NAME stands for."""
     from holdfast.analysis.decomposition.parts_value import PartsValue
-    from holdfast.analysis.kernel_index import entry_of
-    from holdfast.analysis.kernel_store import Store
+    from holdfast.analysis.kernel_store import Store, entry_of
     from holdfast.analysis.load import load
     from holdfast.analysis.published_kernels import found
     from holdfast.analysis.reachability.value_function import ValueFunction
@@ -121,7 +120,7 @@ def publish(folder: Path, names: tuple[str, ...]) -> None:
 
 
 def _check_default(name: str) -> None:
-    from holdfast.analysis.kernel_index import check_name
+    from holdfast.analysis.kernel_store import check_name
 
     try:
         check_name(name)

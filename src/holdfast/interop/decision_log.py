@@ -20,8 +20,7 @@ from typing import Any
 
 from mcap.writer import Writer
 
-from holdfast.analysis.online.decision import Status
-from holdfast.analysis.online.decision_record import DecisionRecord
+from holdfast.analysis.online.decision import DecisionRecord, Status
 from holdfast.analysis.online.interventions import GRAVITY, Event
 from holdfast.errors import OutputError
 

@@ -17,7 +17,7 @@ from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.load import load
 from holdfast.analysis.published_kernels import WEB, is_reference
 from holdfast.analysis.reachability.value_function import Claim, ValueFunction
-from holdfast.analysis.safety.default_promise import default_promise
+from holdfast.analysis.safety.validation import default_promise
 from holdfast.errors import OutputError, ScenarioError, SimulationError
 from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.cache import cache_directory, code_digest

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.safety.resting_search import RestingState, Search
+from holdfast.analysis.safety.equilibria import RestingState, Search
 from holdfast.errors import DefinitionError, ScenarioError
 from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.quantity import TIME, symbol

@@ -13,7 +13,7 @@ import numpy as np
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certified_law import cell_table, check_fits
 from holdfast.analysis.certificates.flowpipe import read_statement, statement
-from holdfast.analysis.certificates.law_of_cases import law_of_cases
+from holdfast.analysis.certificates.law_cells import law_of_cases
 from holdfast.analysis.certificates.law_written import written
 from holdfast.analysis.certificates.problem import ROUNDED, parameters_of, parts_of
 from holdfast.analysis.certificates.reading import unchecked

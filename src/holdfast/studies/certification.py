@@ -9,10 +9,10 @@ from typing import Any
 
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
+from holdfast.analysis.certificates.images import forget
 from holdfast.analysis.certificates.outer_cells import OuterSet
 from holdfast.analysis.certificates.outer_set import outer_set
 from holdfast.analysis.certificates.problem import INPUTS
-from holdfast.analysis.certificates.stored_images import forget
 from holdfast.analysis.load import load
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import ScenarioError

@@ -5,9 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 import holdfast as hf
-from holdfast.analysis.boundary.boundary import Boundary
-from holdfast.analysis.boundary.constraint_qualification import equalities, qualified
-from holdfast.analysis.boundary.contingent_cone import generators
+from holdfast.analysis.boundary.boundary import Boundary, equalities, generators, qualified
 
 STEP = 1e-3
 

@@ -10,8 +10,12 @@ import sympy as sp
 from scipy.optimize import brentq, linprog
 
 import holdfast as hf
-from holdfast.analysis.boundary.boundary import Boundary, contingent_cone, regulation_map
-from holdfast.analysis.boundary.contingent_cone import generators
+from holdfast.analysis.boundary.boundary import (
+    Boundary,
+    contingent_cone,
+    generators,
+    regulation_map,
+)
 from holdfast.analysis.boundary.viability_check import check_viability
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.maths.control.barrier_conditions import viability_conditions

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.analysis.certificates.law_cells import law_of_cases
 from holdfast.analysis.certificates.law_keeps import judge_law
-from holdfast.analysis.certificates.law_of_cases import law_of_cases
 from holdfast.analysis.safety.safety_filter import safety_law
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.law_ranges import LawRanges

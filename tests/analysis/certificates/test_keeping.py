@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 from holdfast.analysis.certificates.cells import Cells, Counted
-from holdfast.analysis.certificates.keeping import kept
+from holdfast.analysis.certificates.certify import kept
 from holdfast.execution.intervals.held_flow import HeldFlow
 
 X, V, A, W = sp.symbols("x v a w", real=True)

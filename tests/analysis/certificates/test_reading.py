@@ -9,7 +9,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.analysis.certificates.certificate import KNOWN
-from holdfast.analysis.certificates.exact_text import exact_expression
+from holdfast.analysis.certificates.reading import exact_expression
 from holdfast.errors import DefinitionError, ExpressionError, ModelWarning, OutputError
 from holdfast.maths.expressions.traversal import exact
 from holdfast_check import checker

@@ -11,11 +11,10 @@ import sympy as sp
 import holdfast as hf
 from holdfast.analysis.certificates.cells import Cells, Halvings
 from holdfast.analysis.certificates.certificate import ENTRY
-from holdfast.analysis.certificates.images import Images
-from holdfast.analysis.certificates.keeping import settled
+from holdfast.analysis.certificates.certify import settled_kept
+from holdfast.analysis.certificates.images import BEST, Images
 from holdfast.analysis.certificates.proof import Proof
 from holdfast.analysis.certificates.reading import unchecked
-from holdfast.analysis.certificates.refining import BEST
 from holdfast.errors import OutputError, SimulationError
 from holdfast.maths.expressions.functions import sgn
 from holdfast_check.checker import BITS, Checker, NotValidError, check, read
@@ -138,8 +137,10 @@ def test_cell_outlasts_what_it_leads_to_by_one_hold():
     leads = Images(np.array([1]), block, block, np.ones((1, 1), dtype=bool))
     cells = Cells.even(((0.0, 1.0),), (2,), (False,))
     known = np.array([3, 0], dtype=np.int32)
-    assert settled(leads, cells, known, 9)[0].tolist() == [4]
-    assert settled(leads, cells, np.array([BEST, 0], dtype=np.int32), None)[0].tolist() == [BEST]
+    assert settled_kept(leads, cells, known, 9)[0].tolist() == [4]
+    assert settled_kept(leads, cells, np.array([BEST, 0], dtype=np.int32), None)[0].tolist() == [
+        BEST
+    ]
 
 
 # -- in closed loop ------------------------------------------------------------------------------

@@ -11,8 +11,7 @@ import sympy as sp
 from click.testing import CliRunner
 
 import holdfast as hf
-from holdfast.analysis.kernel_index import entry_of
-from holdfast.analysis.kernel_store import Store
+from holdfast.analysis.kernel_store import Store, entry_of
 from holdfast.commands.store import command
 from holdfast.errors import OutputError, ScenarioError
 from holdfast.maths.expressions.functions import least

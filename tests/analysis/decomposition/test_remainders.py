@@ -5,8 +5,8 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.decomposition.lag_free import lag_free
-from holdfast.analysis.decomposition.remainders import affine_in
+from holdfast.analysis.decomposition.decompose import lag_free
+from holdfast.analysis.decomposition.guaranteed import affine_in
 from holdfast.errors import SimulationError
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.expressions.functions import magnitude

@@ -8,7 +8,7 @@ from scipy.optimize import curve_fit
 from scipy.stats import binom
 
 import holdfast as hf
-from holdfast.analysis.identification.remarks import refuse_other_way
+from holdfast.analysis.identification.identify import refuse_other_way
 from holdfast.errors import SimulationError
 from holdfast.maths.identification.measured_motion import measured_motion
 from tests.boats import boat, boat_log, vehicle_log

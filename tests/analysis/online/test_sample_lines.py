@@ -6,7 +6,7 @@ import math
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.online.sample_lines import SampleLines
+from holdfast.analysis.online.relay import SampleLines
 from holdfast.errors import SimulationError
 from tests.decisions import NAMES, camera_filter, pd
 

@@ -7,8 +7,8 @@ import pytest
 
 import holdfast as hf
 from holdfast.analysis.reachability.solve import set_on_grid
-from holdfast.analysis.safety.default_promise import FEWEST, MOST, default_promise, default_trial
 from holdfast.analysis.safety.depth import a_cell_inside, outer_states
+from holdfast.analysis.safety.validation import FEWEST, MOST, default_promise, default_trial
 
 X, V, U = (hf.symbol(n) for n in "xvu")
 STATES = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))

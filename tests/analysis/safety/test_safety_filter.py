@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.safety.adversary import CONSTANT, SWINGING, SWITCHING, schedules
 from holdfast.analysis.safety.safety_filter import decided
 from holdfast.analysis.safety.sampled_value import sampled_value
+from holdfast.analysis.safety.validation import CONSTANT, SWINGING, SWITCHING, schedules
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.simulation.outcomes import SafeguardAnswer
 from tests.carts import BOX, STATES, WALLS, U, V, X, cart, swinging

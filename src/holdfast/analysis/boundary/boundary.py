@@ -1,26 +1,311 @@
-"""Viability conditions at many states of a region's boundary: (5.11)-(5.13)."""
+"""Viability conditions at a region's boundary: contingent cone, regulation map; (5.11)-(5.13).
+
+The contingent cone is that of the velocities that keep a state in a region; the regulation map that
+of the inputs that do. When the linearised cone of active constraints is the contingent cone:
+
+{ v : g_i . v <= 0 for every active i },   g_i = grad c_i
+
+Linear constraints alone need nothing more: the ray along v stays inside (Abadie). Beside others it
+suffices that some v has g . v < 0 for these and g . v <= 0 for the linear ones (Mangasarian and
+Fromovitz): a velocity of the cone and a little of v stay inside along a straight line. Linearly
+dependent, redundant and opposed gradients are no obstacle to either.
+
+Two constraints c <= 0 and -c <= 0 that are not linear are an equality, and the region has no
+interior: their gradients have to be independent, and v tangent to them, with g . v < 0 for all
+constraints that are no equalities. O. L. Mangasarian, Nonlinear Programming (1969), chapter 11.
+"""
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull
 
-from holdfast.analysis.boundary.constraint_qualification import equalities, qualified
-from holdfast.analysis.boundary.contingent_cone import ContingentCone, generators
-from holdfast.analysis.boundary.regulation_map import RegulationMap, input_half_spaces
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
-from holdfast.maths.definitions.quantity import merge_parameters
+from holdfast.maths.definitions.quantity import Quantity, merge_parameters
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.random_points import is_zero
 from holdfast.maths.expressions.traversal import derivatives
+
+Mask = npt.NDArray[np.bool_]
+
+SMALL = 1e-9
+"""Of gradients of length 1."""
+
+
+def qualified(normals: Array, linear: Mask, equality: npt.NDArray[np.intp]) -> bool:
+    """Whether the linearised cone is exact.
+
+    normals: the gradients, shape (active, n), none of them 0. linear: which constraints are affine.
+    equality: the number of the equality that each is a side of, or -1 (`equalities`).
+    """
+    unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    bent = (equality >= 0) & ~linear
+    curved, flat = unit[~linear & ~bent], unit[linear]
+    if not bent.any():
+        return _has_direction(curved, flat, flat[:0])
+    implied = np.array([not _has_direction(row[np.newaxis], flat, flat[:0]) for row in flat], bool)
+    _, first = np.unique(equality[bent], return_index=True)
+    ties = np.vstack([unit[bent][first], _independent(flat[implied])])
+    if np.linalg.matrix_rank(ties, tol=SMALL) < len(ties):
+        return False
+    return _has_direction(np.vstack([curved, flat[~implied]]), flat[:0], ties)
+
+
+def equalities(normals: Array, values: Array) -> npt.NDArray[np.intp]:
+    """For each constraint the number of the equality that it is a side of, or -1.
+
+    Two are the sides of one where c and -c are the same but for a factor above 0. values: those of
+    the constraints at random states, shape (states, active).
+    """
+    sizes = np.linalg.norm(normals, axis=1)
+    unit = normals / sizes[:, np.newaxis]
+    values = values[np.isfinite(values).all(axis=1)] / sizes
+    scale = np.abs(values).max(initial=0.0, axis=1)
+    number, both = np.arange(len(unit)), np.zeros(len(unit), dtype=bool)
+    for i in range(len(unit) if len(values) else 0):
+        for j in range(i):
+            sign = np.sign(unit[i] @ unit[j])
+            same = np.abs(values[:, i] - sign * values[:, j]) <= SMALL * scale
+            if np.abs(unit[i] - sign * unit[j]).max() <= SMALL and same.all():
+                number[i] = number[j]
+                both[number[i]] |= sign < 0
+                break
+    return np.where(both[number], number, -1)
+
+
+def _has_direction(below: Array, at_most: Array, ties: Array) -> bool:
+    """Whether some v has below v < 0, at_most v <= 0 and ties v = 0."""
+    if not len(below):
+        return True
+    n = below.shape[1]
+    rows = np.vstack(
+        [
+            np.hstack([below, np.ones((len(below), 1))]),
+            np.hstack([at_most, np.zeros((len(at_most), 1))]),
+        ]
+    )
+    found = linprog(
+        [*np.zeros(n), -1.0],
+        A_ub=rows,
+        b_ub=np.zeros(len(rows)),
+        A_eq=np.hstack([ties, np.zeros((len(ties), 1))]) if len(ties) else None,
+        b_eq=np.zeros(len(ties)) if len(ties) else None,
+        bounds=[(-1, 1)] * n + [(None, 1)],
+    )
+    return bool(found.status == 0 and -found.fun > SMALL)
+
+
+def _independent(rows: Array) -> Array:
+    """Rows that span what the rows span."""
+    if not len(rows):
+        return rows
+    _, sizes, right = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(right[sizes > SMALL])
+
+
+@dataclass(frozen=True)
+class ContingentCone:
+    """T_K(q) = { v : normals v <= 0 }: the velocities along which q does not leave the region.
+
+     This is the linearised cone. It is the contingent cone where the constraints are `qualified`
+    : linear ones always are. Where they are not, as at a cusp, the
+     contingent cone may be smaller, and a velocity of this one may leave the region.
+
+     `normals` are the gradients of the active pieces (none: every velocity). Every such v is
+     a combination of the rows of `rays` with weights >= 0 and of those of `lines` with any.
+    """
+
+    state: Array
+    normals: Array
+    active: tuple[str, ...]
+    rays: Array
+    lines: Array
+    qualified: bool = True
+
+    def contains(self, velocity: Sequence[float], slack: float = 1e-9) -> bool:
+        """Whether the velocity points along or into the region."""
+        v = np.asarray(velocity, dtype=np.float64)
+        if v.shape != self.state.shape or not np.isfinite(v).all():
+            raise SimulationError(
+                f"the velocity is {velocity!r}", expected=f"{len(self.state)} numbers"
+            )
+        return bool((self.normals @ v <= slack).all())
+
+
+def generators(normals: Array) -> tuple[Array, Array]:
+    """Rays and lines of { v : normals v <= 0 }, each of length 1."""
+    n = normals.shape[1]
+    if not len(normals):
+        return np.zeros((0, n)), np.eye(n)
+    unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    _, sizes, right = np.linalg.svd(unit)
+    rank = int((sizes > 1e-10).sum())
+    span, lines = right[:rank], right[rank:]
+    rays: list[Array] = []
+    for rows in itertools.combinations(range(len(unit)), rank - 1):
+        inside = unit[list(rows)] @ span.T
+        _, s, v = np.linalg.svd(inside) if len(rows) else (None, np.zeros(0), np.eye(rank))
+        if (s > 1e-10).sum() < rank - 1:
+            continue
+        for ray in (v[-1] @ span, -v[-1] @ span):
+            along = (unit @ ray <= 1e-10).all()
+            if along and not any(np.allclose(ray, r, atol=1e-9) for r in rays):
+                rays.append(ray)
+    return np.array(rays).reshape(-1, n), lines
+
+
+@dataclass(frozen=True)
+class RegulationMap:
+    """R_K(z) = { u in U : normals u <= offsets }: the inputs that do not leave the region.
+
+    The rows come from the viability conditions first (`conditions` names their inequalities),
+    then from the bounds U of the inputs. `hopeless` are inequalities that are violated for any
+    input: they are being crossed, and the input acts only on their second derivative. `qualified`:
+    whether the linearised cone of the active constraints is the contingent cone, as
+    `ContingentCone.qualified` has it; where it is not, an input of the map may still leave the
+    region.
+    """
+
+    state: Array
+    inputs: tuple[Quantity, ...]
+    normals: Array
+    offsets: Array
+    conditions: tuple[str, ...]
+    hopeless: tuple[str, ...] = ()
+    qualified: bool = True
+
+    @property
+    def empty(self) -> bool:
+        """Whether no admissible input keeps the state inside."""
+        return bool(self.hopeless) or self.least_violation()[1] > 1e-9
+
+    def contains(self, u: Sequence[float] | npt.NDArray[Any], slack: float = 1e-9) -> bool:
+        """Whether the input is admissible and keeps the state inside."""
+        point = np.asarray(u, dtype=np.float64)
+        if point.shape != (len(self.inputs),) or not np.isfinite(point).all():
+            raise SimulationError(f"the input is {u!r}", expected=f"{len(self.inputs)} numbers")
+        return not self.hopeless and bool((self.normals @ point <= self.offsets + slack).all())
+
+    def least_violation(self) -> tuple[Array, float]:
+        """The input in U whose worst outward rate is least, and that rate (below 0: inward).
+
+        A rate is d^k c / dt^k in the constraint's own unit; where no condition is active it is
+        minus infinity. Raises `SimulationError` where the bounds admit no input.
+        """
+        active, m = len(self.conditions), len(self.inputs)
+        if not active:
+            return self._any_input(), -math.inf
+        upper = np.hstack([self.normals[:active], -np.ones((active, 1))])
+        bounds = np.hstack([self.normals[active:], np.zeros((len(self.offsets) - active, 1))])
+        found = linprog(
+            [*np.zeros(m), 1.0],
+            A_ub=np.vstack([upper, bounds]),
+            b_ub=self.offsets,
+            bounds=[(None, None)] * m + [(-1e6, None)],
+        )
+        if found.status != 0:
+            raise SimulationError(f"the linear program was not solved ({found.message})")
+        return np.asarray(found.x[:m]), float(found.x[m])
+
+    def _any_input(self) -> Array:
+        found = linprog(
+            np.zeros(len(self.inputs)),
+            A_ub=self.normals if len(self.normals) else None,
+            b_ub=self.offsets if len(self.offsets) else None,
+            bounds=[(None, None)] * len(self.inputs),
+        )
+        if found.x is None:
+            raise SimulationError(f"the bounds of the inputs admit no input ({found.message})")
+        return np.asarray(found.x)
+
+    @property
+    def vertices(self) -> Array:
+        """The corners for one or two inputs, in order; shape (0, inputs) where it is empty.
+
+        Raises `DefinitionError` for more inputs, or where the map is not bounded.
+        """
+        m = len(self.inputs)
+        if m > 2:
+            raise DefinitionError(
+                f"vertices of a regulation map in {m} inputs", expected="one or two inputs"
+            )
+        if self.hopeless:
+            return np.zeros((0, m))
+        found = []
+        for rows in itertools.combinations(range(len(self.offsets)), m):
+            matrix = self.normals[list(rows)]
+            if abs(np.linalg.det(matrix)) > 1e-12 * np.prod(np.linalg.norm(matrix, axis=1)):
+                point = np.linalg.solve(matrix, self.offsets[list(rows)])
+                if self.contains(point, 1e-9 * (1.0 + float(np.abs(point).max()))):
+                    found.append(point)
+        if not found and self.empty:
+            return np.zeros((0, m))
+        self._refuse_unbounded()
+        corners = np.array(found).reshape(-1, m)
+        corners = corners[np.sort(np.unique(np.round(corners, 9), axis=0, return_index=True)[1])]
+        if m == 1:
+            corners = np.sort(corners, axis=0)
+        if m == 2 and len(corners) > 2:
+            around = corners - corners.mean(axis=0)
+            corners = corners[np.argsort(np.arctan2(around[:, 1], around[:, 0]))]
+        return corners
+
+    def _refuse_unbounded(self) -> None:
+        m = len(self.inputs)
+        for direction in (*np.eye(m), *-np.eye(m)):
+            ray = linprog(
+                -direction,
+                A_ub=self.normals,
+                b_ub=np.zeros(len(self.offsets)),
+                bounds=[(-1, 1)] * m,
+            )
+            if ray.status == 0 and -ray.fun > 1e-9:
+                raise DefinitionError(
+                    "the regulation map is not bounded", remedy="give every input bounds"
+                )
+
+
+def input_half_spaces(system: System, values: Mapping[Any, float]) -> tuple[Array, Array]:
+    """The bounds of the inputs as normals u <= offsets; an unbounded input has no row."""
+    m = len(system.inputs)
+    if system.input_bounds is None:
+        return np.zeros((0, m)), np.zeros(0)
+    bounds = system.input_bounds.at(values)
+    try:
+        rows = bounds.half_spaces()
+    except DefinitionError:  # more actuators than inputs: the hull of the corners
+        return _hull(system, np.array(bounds.corners(), dtype=float))
+    normals = np.array([normal for normal, _ in rows], dtype=float).reshape(-1, m)
+    return normals, np.array([float(offset) for _, offset in rows])
+
+
+def _hull(system: System, corners: Array) -> tuple[Array, Array]:
+    """The convex hull of points as normals u <= offsets."""
+    flat = not np.isfinite(corners).all() or (
+        np.linalg.matrix_rank(corners - corners.mean(axis=0)) < corners.shape[1]
+    )
+    if flat:
+        raise DefinitionError(
+            f"the actuators of system '{system.name}' have no bounds, or their interval is empty",
+            expected="finite bounds, lower below upper",
+        )
+    if corners.shape[1] == 1:
+        return np.array([[1.0], [-1.0]]), np.array([corners.max(), -corners.min()])
+    hull = ConvexHull(corners)
+    return hull.equations[:, :-1], -hull.equations[:, -1]
 
 
 @checked

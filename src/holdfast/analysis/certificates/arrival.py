@@ -6,8 +6,7 @@ import numpy as np
 
 from holdfast.analysis.certificates.cells import Counted, Floats, Halvings, Truths, Wholes
 from holdfast.analysis.certificates.certificate import Certificate
-from holdfast.analysis.certificates.images import Images, images
-from holdfast.analysis.certificates.refining import sure_of
+from holdfast.analysis.certificates.images import Images, images, sure_of
 from holdfast.execution.intervals.held_flow import HeldFlow
 from holdfast.maths.definitions.quantity import symbol
 

@@ -14,9 +14,9 @@ import numpy as np
 import sympy as sp
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
+from holdfast.analysis.certificates.images import forget
 from holdfast.analysis.certificates.kept_set import Kept
 from holdfast.analysis.certificates.law_written import written
-from holdfast.analysis.certificates.stored_images import forget
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.host.writing import atomic_file

@@ -13,6 +13,7 @@ import sympy as sp
 from holdfast.analysis.certificates.cells import Halvings
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
+from holdfast.analysis.certificates.images import sure_of
 from holdfast.analysis.certificates.outer_cells import (
     OuterSet,
     both_bounds,
@@ -20,7 +21,6 @@ from holdfast.analysis.certificates.outer_cells import (
     free_flow,
     states_of,
 )
-from holdfast.analysis.certificates.refining import sure_of
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.maths.definitions.region import Inequality, Region

@@ -23,7 +23,7 @@ from holdfast.analysis.certificates.certificate import (
     write_checked,
 )
 from holdfast.analysis.certificates.flowpipe_search import Search
-from holdfast.analysis.certificates.law_of_cases import law_of_cases
+from holdfast.analysis.certificates.law_cells import law_of_cases
 from holdfast.analysis.certificates.law_written import written
 from holdfast.analysis.certificates.problem import check_among, errors_of, parameters_of, ranges_of
 from holdfast.arguments import checked

@@ -1,18 +1,145 @@
-"""Images of cells: to which blocks of cells a held input leads from each cell of a region."""
+"""Images of cells: to which blocks of cells a held input leads from each cell of a region.
+
+They are in a file, so that a run that is interrupted goes on where it stopped. A folder has one
+file for each set of cells whose images are found in turn: which blocks are done, then the images.
+What is noted as done is on the disk before that, and a file is of one problem: a digest in its name
+is that of all that decides its numbers.
+
+Cells are halved where it pays: near those that are certified, depth by depth.
+
+A rank says what is known of a cell: NONE, REGION in the region, BEST if nothing more is asked, and
+between them the more the better. Ranks of cells of one depth stand for all that they are made of.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+import math
+import os
+import time
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
-from holdfast.analysis.certificates.stored_images import Blocks, Store
+from holdfast._version import __version__
+from holdfast.analysis.certificates.cells import Cells, Floats, Halvings, Truths, Wholes
+from holdfast.errors import CacheWarning, OutputError
 from holdfast.execution.intervals.held_flow import HeldFlow
 from holdfast.execution.resources import available_cores, check_memory
+
+NAME = "certificate.images"
+EVERY = 1.0
+"""Seconds after which what is done is written."""
+
+PAGE = 4096
+
+
+class Store:
+    """The folder of a run that may be interrupted: its images, in the order they are asked for.
+
+    Raises `OutputError` for a folder that there is not.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        if not str(folder) or not Path(folder).is_dir():
+            raise OutputError(f"store: '{folder}' is no folder", remedy="make it first")
+        self.folder, self._asked = Path(folder), 0
+
+    def blocks(
+        self, flow: HeldFlow, cells: Cells, candidates: Floats, of: Wholes, tasks: Sequence[object]
+    ) -> Blocks:
+        """The blocks of these images: those of an earlier run, or none that is done.
+
+        Warns with `CacheWarning` where an earlier run was of another problem or version.
+        """
+        digest = hashlib.sha256(f"{__version__} {flow.digest} {cells.periodic} {tasks}".encode())
+        for part in (*cells.edges, candidates, of):
+            digest.update(f"{part.dtype.str}{part.shape}".encode())
+            digest.update(np.ascontiguousarray(part).tobytes())
+        self._asked += 1
+        path = self.folder / f"{NAME}.{self._asked}.{digest.hexdigest()[:24]}"
+        others = [f for f in self.folder.glob(f"{NAME}.{self._asked}.*") if f != path]
+        if others:
+            warnings.warn(
+                f"what an earlier run left in {self.folder} is of another problem or version: "
+                "this one begins anew",
+                CacheWarning,
+                stacklevel=2,
+            )
+            _remove(others)
+        return Blocks(path, (len(of), len(candidates), len(cells.counts)), len(tasks))
+
+
+def forget(folder: Path) -> None:
+    """Remove what runs of this folder have left, once their certificate is written."""
+    _remove(folder.glob(f"{NAME}.*"))
+
+
+def _remove(files: Iterable[Path]) -> None:
+    for file in list(files):
+        file.unlink(missing_ok=True)
+
+
+class Blocks:
+    """The arrays of images, in a file or, without a path, in memory; `done` are the tasks that are.
+
+    first, last: shape (cells, inputs, axes); usable: shape (cells, inputs).
+    """
+
+    def __init__(self, path: Path | None, shape: tuple[int, int, int], tasks: int) -> None:
+        sizes = [tasks, 4 * math.prod(shape), 4 * math.prod(shape), math.prod(shape[:2])]
+        begins = np.cumsum([0, *(-(-size // PAGE) * PAGE for size in sizes)]).tolist()
+        self._raw: npt.NDArray[np.uint8] | np.memmap[tuple[int], np.dtype[np.uint8]]
+        self._raw = np.zeros(begins[-1], dtype=np.uint8) if path is None else _mapped(path, begins)
+        parts = [self._raw[a : a + size] for a, size in zip(begins, sizes, strict=False)]
+        self.done: Truths = parts[0].view(np.bool_)
+        self.first: npt.NDArray[np.int32] = parts[1].view(np.int32).reshape(shape)
+        self.last: npt.NDArray[np.int32] = parts[2].view(np.int32).reshape(shape)
+        self.usable: Truths = parts[3].view(np.bool_).reshape(shape[:2])
+        self._waiting: list[int] = []
+        self._written = time.monotonic()
+
+    def note(self, task: int) -> None:
+        """A task is done."""
+        self._waiting.append(task)
+        if time.monotonic() - self._written >= EVERY:
+            self.write()
+
+    def write(self) -> None:
+        """What was noted, behind its images."""
+        if isinstance(self._raw, np.memmap):
+            self._raw.flush()
+        self.done[self._waiting] = True
+        if isinstance(self._raw, np.memmap):
+            self._raw.flush()
+        self._waiting, self._written = [], time.monotonic()
+
+
+def _mapped(path: Path, begins: list[int]) -> np.memmap[tuple[int], np.dtype[np.uint8]]:
+    size = max(begins[-1], 1)
+    try:
+        with path.open("ab") as file:
+            if file.tell() != size:  # room for all of it, so that no write to it finds none
+                file.truncate(0)
+                if hasattr(os, "posix_fallocate"):
+                    os.posix_fallocate(file.fileno(), 0, size)
+                else:
+                    file.write(bytes(size))
+        return np.memmap(path, dtype=np.uint8, mode="r+", shape=(size,))
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise OutputError(
+            f"{path} of {size / 2**20:,.0f} MiB cannot be written ({error.strerror})",
+            remedy="choose a folder with room for it",
+        ) from None
+
 
 BLOCK = 1 << 15
 
@@ -133,3 +260,139 @@ def joined(*several: Images) -> Images:
     check_memory(size, what, "take fewer cells or inputs")
     names = [f.name for f in fields(Images)]
     return Images(*(np.concatenate([getattr(i, n) for i in several]) for n in names))
+
+
+Ranks = npt.NDArray[np.int32]
+Settle = Callable[[Images, Cells, Ranks], tuple[Ranks, Wholes, int]]
+"""From images, the cells and their ranks: the ranks of those that have images, the inputs that give
+them, and how many sweeps that took."""
+
+NONE, REGION, BEST = -1, 0, 2**31 - 1
+
+
+@dataclass(frozen=True)
+class Refined:
+    """region: the smallest cells that lie in it. entries: rows (number, input, rank)."""
+
+    halvings: Halvings
+    entries: Wholes
+    region: Wholes
+    sweeps: int
+
+
+def refined(
+    flow: HeldFlow,
+    cells: Cells,
+    candidates: Floats,
+    depth: int,
+    settle: Settle,
+    enough: int,
+    *,
+    target: bool = False,
+    progress: Callable[[str, float], None] | None = None,
+    store: Store | None = None,
+    among: Callable[[Cells], Truths] | None = None,
+) -> Refined:
+    """What is found of the cells, of half of those that are left near it, and so on.
+
+    At each depth those cells are halved that have less than `enough` and a better one beside them,
+    again and again as long as that gains something; all of them where nothing is found yet. What
+    was found of larger cells stands: an input leads from a cell to ranks that only grow. store:
+    where images are kept, so that an interrupted search goes on. among: which cells are tried at
+    all.
+    """
+    tell = progress or (lambda what, share: None)
+    _check_memory(cells, depth)
+    ranks = np.full(cells.total, NONE, dtype=np.int32)
+    region = np.zeros(cells.total, dtype=bool)
+    found: list[tuple[Wholes, Wholes]] = []
+    sweeps = 0
+    for times in range(depth + 1):
+        if times:
+            cells = cells.halved()
+            ranks, region = doubled(ranks, cells), doubled(region, cells)
+        region[where(flow.inside, cells, np.flatnonzero(~region))] = True
+        tried = region if among is None else region & among(cells)
+        ranks[tried & (ranks == NONE)] = REGION
+        if target:
+            ranks[where(flow.arrived, cells, np.flatnonzero(ranks < BEST))] = BEST
+        before = ranks.copy()
+        some = partial(images, flow, cells, candidates, tell=tell, store=store)
+        inputs, count = _gained(cells, ranks, enough, times > 0, some, settle)
+        gained = np.flatnonzero(ranks > before)
+        found.append((gained, np.stack([inputs[gained], ranks[gained]], axis=1)))
+        sweeps += count
+    if target:
+        region &= ranks < BEST
+    halvings = Halvings(cells, depth)
+    rows = [
+        np.column_stack([halvings.numbers(of, times), told])
+        for times, (of, told) in enumerate(found)
+    ]
+    return Refined(halvings, np.concatenate(rows), np.flatnonzero(region), sweeps)
+
+
+def _gained(
+    cells: Cells, ranks: Ranks, enough: int, halves: bool, some: Callable[[Wholes], Images],
+    settle: Settle,
+) -> tuple[Wholes, int]:  # fmt: skip
+    """Raises the ranks of cells, all or the halves beside better ones; their inputs, and sweeps."""
+    inputs, tried = np.zeros(cells.total, dtype=np.int64), np.zeros(cells.total, dtype=bool)
+    found, sweeps = None, 0
+    while True:
+        fresh = (ranks < enough) & (ranks >= REGION) & ~tried
+        if halves:
+            fresh &= _beside_better(ranks, cells)
+        if not fresh.any():
+            return inputs, sweeps
+        tried |= fresh
+        more = some(np.flatnonzero(fresh))
+        found = more if found is None else joined(found, more)
+        reached, chosen, count = settle(found, cells, ranks)
+        sweeps += count
+        better = reached > ranks[found.cells]
+        at = found.cells[better]
+        ranks[at], inputs[at] = reached[better], chosen[better]
+        if not halves or not better.any():
+            return inputs, sweeps
+
+
+def doubled(values: npt.NDArray[Any], cells: Cells) -> npt.NDArray[Any]:
+    """What is known of the cells that these are halves of, for each of these."""
+    found = values.reshape([n // 2 for n in cells.counts])
+    for axis in range(found.ndim):
+        found = np.repeat(found, 2, axis=axis)
+    return found.reshape(-1)
+
+
+def sure_of(sure: Callable[[Floats, Floats], Truths], halvings: Halvings) -> Wholes:
+    """The smallest cells all over which something is sure, or all over a cell that they are in."""
+    found = np.zeros(0, dtype=bool)
+    for g in range(halvings.depth + 1):
+        grid = halvings.grid(g)
+        found = doubled(found, grid) if g else np.zeros(grid.total, dtype=bool)
+        found[where(sure, grid, np.flatnonzero(~found))] = True
+    return np.flatnonzero(found)
+
+
+def _beside_better(ranks: Ranks, cells: Cells) -> Truths:
+    """Halves of cells that have a better one beside them, or of all where nothing is found."""
+    from scipy.ndimage import maximum_filter
+
+    blocks = ranks.reshape([n for count in cells.counts for n in (count // 2, 2)])
+    halves = tuple(range(1, blocks.ndim, 2))
+    best, worst = blocks.max(axis=halves), blocks.min(axis=halves)
+    if best.max() <= REGION:
+        return np.ones(cells.total, dtype=bool)
+    modes = ["wrap" if periodic else "nearest" for periodic in cells.periodic]
+    near = maximum_filter(best, size=3, mode=modes) > np.maximum(worst, REGION)
+    return doubled(near, cells)
+
+
+def _check_memory(cells: Cells, depth: int) -> None:
+    """Raises `SimulationError` where what is noted of every cell, and sums of them, do not fit."""
+    total = cells.total << depth * len(cells.counts)
+    check_memory(
+        total * (48 + 16 * 2 ** sum(cells.periodic)), f"{total:,} cells of the smallest size",
+        "take fewer cells, or refine less",
+    )  # fmt: skip

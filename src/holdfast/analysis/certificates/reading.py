@@ -1,12 +1,18 @@
-"""Certificates read from their files: whole, unchanged, and of nothing that is not understood."""
+"""Certificates read from their files: whole, unchanged, and of nothing that is not understood.
+
+Expressions are read exactly: whole numbers of any size, and no rounding. The text is parsed to
+Python's syntax tree, and only what a certificate can contain is translated; nothing is evaluated as
+code.
+"""
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import math
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from keyword import iskeyword
 from pathlib import Path
@@ -18,6 +24,7 @@ import sympy as sp
 from holdfast.analysis.certificates.cells import Cells, Floats, Halvings, Truths, Wholes
 from holdfast.analysis.certificates.certificate import (
     ENTRY,
+    KNOWN,
     MAGIC,
     MOST_DEPTH,
     MOST_STEPS,
@@ -26,17 +33,82 @@ from holdfast.analysis.certificates.certificate import (
     check_names,
 )
 from holdfast.analysis.certificates.certified_law import KEYS
-from holdfast.analysis.certificates.exact_text import exact_expression
+from holdfast.analysis.certificates.images import sure_of
 from holdfast.analysis.certificates.kept_set import Kept
 from holdfast.analysis.certificates.law_written import Ranges, read, unpacked
-from holdfast.analysis.certificates.refining import sure_of
 from holdfast.analysis.certificates.the_checker import check_content
 from holdfast.arguments import checked
-from holdfast.errors import HoldfastError, OutputError
+from holdfast.errors import ExpressionError, HoldfastError, OutputError
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.maths.definitions.law_cases import LawCases, Option, Program
 from holdfast.maths.definitions.quantity import symbol
+from holdfast.maths.expressions import functions
+from holdfast.maths.expressions.syntax import syntax_tree
+
+LONGEST = 100_000
+MOST, LONGEST_NUMBER = 64, 10_000
+"""The largest exponent, and bits of a number."""
+
+FUNCTIONS: Mapping[str, Callable[..., sp.Expr]] = {
+    name: getattr(functions, name, None) or getattr(sp, name) for name in KNOWN
+} | {"sqrt": sp.sqrt}
+
+Names = Mapping[str, sp.Expr]
+
+
+def exact_expression(text: object, names: Names) -> sp.Expr:
+    """The expression of a text that `Certificate.header` made; names: every symbol by its name.
+
+    Raises `ExpressionError` for text that is none.
+    """
+    if not isinstance(text, str) or len(text) > LONGEST:
+        raise ExpressionError(f"{text!r:.40} is no expression", expected="text")
+    try:
+        return _of(syntax_tree(text, "eval").body, names)
+    except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
+        raise ExpressionError(f"'{text:.40}' is no expression ({error})") from None
+
+
+def _of(node: ast.expr, names: Names) -> sp.Expr:
+    match node:
+        case ast.Constant(value=int() as value) if not isinstance(value, bool):
+            return sp.Integer(value)
+        case ast.Name(id="pi"):
+            return sp.pi
+        case ast.Name(id=name) if name in names:
+            return names[name]
+        case ast.UnaryOp(op=ast.USub(), operand=inner):
+            return -_of(inner, names)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as op, right=b):
+            first, other = _of(left, names), _of(b, names)
+            if isinstance(op, ast.Add):
+                return first + other
+            if isinstance(op, ast.Sub):
+                return first - other
+            return first * other if isinstance(op, ast.Mult) else first / other
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            exponent = _of(right, names)
+            if not (exponent.is_Rational and abs(exponent) <= MOST):
+                raise ExpressionError(
+                    f"the exponent {ast.unparse(right):.40}", expected=f"a number up to {MOST}"
+                )
+            base = _of(left, names)
+            if base.is_Rational and exponent.is_Integer:
+                bits = base.p.bit_length() + base.q.bit_length()
+                if bits * abs(int(exponent)) > LONGEST_NUMBER:
+                    raise ExpressionError(f"a number is too long in '{ast.unparse(node):.40}'")
+            several = exponent * base.exp if base.is_Pow and base.exp.is_Rational else exponent
+            if abs(several) > MOST:
+                raise ExpressionError(f"a power of a power is above {MOST}")
+            return base**exponent
+        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
+            return FUNCTIONS[name](*(_of(a, names) for a in arguments))
+    raise ExpressionError(
+        f"'{ast.unparse(node):.40}' is nothing of a certificate",
+        expected="its names, " + ", ".join(KNOWN),
+    )
+
 
 MOST_OF_ENTRIES = 16
 """How many times as long as their packed form the entries of a file may be: they are six times."""

@@ -12,8 +12,15 @@ from holdfast.analysis.decomposition.parts_law import parts_law
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.grid import by_name, whole
 from holdfast.analysis.reachability.problem import with_disturbance
-from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
-from holdfast.analysis.safety.default_promise import FALLS, at_rest
+from holdfast.analysis.safety.validation import (
+    CONSTANT,
+    FALLS,
+    INSIDE,
+    SWINGING,
+    SWITCHING,
+    at_rest,
+    schedules,
+)
 from holdfast.analysis.safety.verdict import (
     CONFIRMED,
     EVERY,

@@ -1,4 +1,8 @@
-"""The fit of a log: windows of a length that follows from the model, and what the log shows."""
+"""The fit of a log: windows of a length that follows from the model, and what the log shows.
+
+A window and a step are as long as the time constants of the model and the log's periods say. Which
+numbers a motion can show at all, and which this log shows, is found from the sensitivities.
+"""
 
 from __future__ import annotations
 
@@ -9,30 +13,200 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.identification import observability
-from holdfast.analysis.identification.commands import (
-    MOST_BEYOND,
-    applied,
-    beyond_limits,
-    beyond_words,
-    commanded_names,
-)
 from holdfast.analysis.identification.identified import UNSEEN
 from holdfast.analysis.identification.least_squares import (
     LOOSE,
     DivergenceError,
     Fitted,
     Problem,
+    Shooting,
     fitted,
 )
-from holdfast.analysis.identification.log import Floats, Log
-from holdfast.analysis.identification.noise import first_noise
-from holdfast.analysis.identification.shooting import Shooting
-from holdfast.analysis.identification.time_scales import lengths
-from holdfast.analysis.identification.windows import Windows, windows_of
+from holdfast.analysis.identification.log import (
+    MOST_BEYOND,
+    Floats,
+    Log,
+    Windows,
+    applied,
+    beyond_limits,
+    beyond_words,
+    commanded_names,
+    first_noise,
+    period,
+    pieces,
+    windows_of,
+)
 from holdfast.errors import SimulationError
+from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.definitions.system import System
 from holdfast.maths.identification.measured_motion import MeasuredMotion, measured_motion
+
+SLOWEST, FASTEST = 3.0, 0.25
+"""A window in slowest time constants; a step in fastest ones, at most."""
+
+LEAST_VALUES, LEAST_WINDOWS, MOST_STEPS = 20, 30, 400
+"""Values of a signal in a window, windows of a log, and steps of a window."""
+
+LEAST_GIVEN, MOST = 5, 5e6
+"""Values of a signal in a window that is given, at least, and steps of a log, at most."""
+
+
+def lengths(
+    system: System, motion: MeasuredMotion, log: Log, window: float | None
+) -> tuple[float, float]:
+    """Seconds of a window, and of one of its steps."""
+    signals = [log.states[n] for n in motion.names]
+    values = max(period(s) for s in signals)
+    if not np.isfinite(values):
+        raise SimulationError(f"{log.name} has fewer than two values of a signal")
+    fast, slow = _time_constants(system, motion, log)
+    whole = sum(b - a for a, b in pieces(signals, log.gap))
+    if window is not None and window < LEAST_GIVEN * values:
+        raise SimulationError(
+            f"window is {window:g} s, and a signal has a value every {values:.3g} s",
+            expected=f"at least {LEAST_GIVEN} values in a window",
+        )
+    if window is None:
+        wanted = SLOWEST * slow if np.isfinite(slow) else 50 * values
+        window = max(min(wanted, whole / LEAST_WINDOWS), LEAST_VALUES * values)
+    given = [log.inputs[q.name] for q in motion.inputs if q.name in log.inputs]
+    finest = min(period(s) for s in [*signals, *given])
+    most = min(max(finest, window / MOST_STEPS), FASTEST * fast, window / 8)
+    # steps that divide the period of the commands, or are several: a command changes between steps
+    step = (
+        finest * max(np.floor(most / finest), 1.0)
+        if most >= finest
+        else finest / np.ceil(finest / most)
+    )
+    if not whole / step <= MOST:
+        raise SimulationError(
+            f"{log.name} needs {whole / step:.2g} steps of {step:.2g} s",
+            expected=f"at most {MOST:.0e}: units and values that the vehicle can have",
+        )
+    return float(step * max(round(window / step), 1)), float(step)
+
+
+def _time_constants(system: System, motion: MeasuredMotion, log: Log) -> tuple[float, float]:
+    """The fastest and the slowest, of the rates linearised at measured states (medians)."""
+    values = {p.name: float(p.value) for p in system.parameters}
+    n = len(motion.states)
+    count = 50
+    signals = [log.states[name] for name in motion.names]
+    times = np.linspace(max(s.time[0] for s in signals), min(s.time[-1] for s in signals), count)
+    points = np.zeros((count, len(motion.columns)))
+    for k, q in enumerate(motion.states):
+        if q.name in log.states:
+            signal = log.states[q.name]
+            points[:, k] = np.interp(times, signal.time, signal.value)
+    for k, q in enumerate(motion.unknown):
+        points[:, len(motion.columns) - len(motion.unknown) + k] = values.get(q.name, 0.0)
+    found = Evaluator(motion.sensitivities, motion.columns, motion.parameters).values(points)
+    slopes = found[:, n : n + n * n].reshape(count, n, n)
+    slopes = slopes[np.isfinite(slopes).all(axis=(1, 2))]
+    if not len(slopes):
+        return np.inf, np.inf
+    decay = -np.linalg.eigvals(slopes).real
+    largest = decay.max(axis=1)
+    real = np.where(decay > 1e-6 * np.maximum(largest, 1e-300)[:, None], decay, np.inf)
+    with np.errstate(divide="ignore"):
+        slow = 1 / real.min(axis=1)
+        fast = 1 / np.maximum(largest, 0)
+    slow = slow[slow > 0]
+    return float(np.median(fast)), float(np.median(slow)) if len(slow) else np.inf
+
+
+TIED, HOPELESS, VAGUE = 1e-7, 30.0, 0.5
+"""A singular value, in parts of the largest, that counts as none; relative deviations that count as
+not seen, before the fit and after it."""
+
+_POINTS = 400
+
+
+def ties(motion: MeasuredMotion, values: Floats) -> list[tuple[str, ...]]:
+    """Groups of numbers that the rates show only in combination, however the vehicle moves.
+
+    The null space of df/dv at these values, at random states and inputs (local structural
+    identifiability with every state measured). Each group is a combination; a log of fewer states
+    may tie more.
+    """
+    if not len(values):
+        return []
+    generator = np.random.default_rng(0)
+    n = len(motion.states)
+    compute = Evaluator(motion.sensitivities, motion.columns, motion.parameters)
+    some = generator.uniform(-1, 1, size=(_POINTS, len(motion.columns)))
+    scale = np.where(values == 0, 1.0, np.abs(values))
+    some[:, some.shape[1] - len(values) :] = values
+    found = compute.values(some)[:, n + n * n :].reshape(-1, len(values)) * scale
+    found = found[np.isfinite(found).all(axis=1)]
+    norm = np.linalg.norm(found, axis=0)
+    seen = norm > 0
+    _, singular, right = np.linalg.svd(found / np.where(seen, norm, 1.0), full_matrices=False)
+    null = right[singular < TIED * singular[0]]
+    names = [q.name for q in motion.unknown]
+    return [tuple(names[k] for k in np.flatnonzero(np.abs(row) > 1e-6)) for row in _sparse(null)]
+
+
+def _sparse(rows: Floats) -> Floats:
+    """Rows that span the same space with as few entries as elimination gives."""
+    rows = rows.copy()
+    done = 0
+    for column in range(rows.shape[1]):
+        if done == len(rows):
+            break
+        best = done + int(np.argmax(np.abs(rows[done:, column])))
+        if abs(rows[best, column]) < 1e-6:
+            continue
+        rows[[done, best]] = rows[[best, done]]
+        rows[done] /= rows[done, column]
+        for other in range(len(rows)):
+            if other != done:
+                rows[other] -= rows[other, column] * rows[done]
+        done += 1
+    rows[np.abs(rows) < 1e-6] = 0
+    return rows
+
+
+def to_hold(groups: Sequence[tuple[str, ...]], order: Sequence[str]) -> dict[str, str]:
+    """For each group the first of its numbers in `order` that is not held yet, and why."""
+    held: dict[str, str] = {}
+    for group in groups:
+        free = [n for n in order if n in group and n not in held]
+        others = [n for n in group if n != free[0]]
+        why = "no motion shows it" if not others else f"only seen together with {', '.join(others)}"
+        held[free[0]] = why
+    return held
+
+
+def not_seen(information: Floats, scale: Floats, names: Sequence[str], vague: float) -> list[str]:
+    """Numbers of which the deviation is more than `vague` sizes, the vaguest first."""
+    left = list(range(len(names)))
+    dropped: list[str] = []
+    while left:
+        part = information[np.ix_(left, left)] * np.outer(scale[left], scale[left])
+        value, vector = np.linalg.eigh(part)
+        if value[0] > 1 / vague**2:
+            break
+        worst = left[int(np.argmax(np.abs(vector[:, 0])))]
+        dropped.append(names[worst])
+        left.remove(worst)
+    return dropped
+
+
+def deviations(information: Floats) -> Floats:
+    """The deviation of each number for this information; infinite where there is none."""
+    scale = np.sqrt(np.diag(information))
+    scale = np.where(scale > 0, scale, 1.0)
+    both = np.outer(scale, scale)
+    value, vector = np.linalg.eigh(information / both)
+    if value[0] < 1e-12 * value[-1]:
+        inverse = np.where(value > 1e-12 * value[-1], 1 / np.maximum(value, 1e-300), np.inf)
+        with np.errstate(invalid="ignore"):
+            found = np.nansum(vector**2 * inverse, axis=1)
+    else:
+        found = (vector**2 / value).sum(axis=1)
+    return np.asarray(np.sqrt(found) / scale)
+
 
 SHORTEST, LEAST_STEPS, FAR = 64, 8, 3.0
 """Parts of a window at most for a better first guess, steps of it at least, and the median
@@ -179,16 +353,16 @@ def _fit_of(
                 remedy="begin with better ones, or take a shorter window",
             )
         scale = np.where(first == 0, _sizes(start), np.abs(first))
-        dropped = observability.not_seen(start.information, scale, names, observability.HOPELESS)
+        dropped = not_seen(start.information, scale, names, HOPELESS)
         if not dropped:
             found = fitted(problem, first, lower, loose=SHORT_LOOSE if better else LOOSE)
             if better:
                 return motion, found, problem
-            dropped = observability.not_seen(
+            dropped = not_seen(
                 problem.information_without_noise(found),
                 np.maximum(scale, np.abs(found.shared)),
                 names,
-                observability.VAGUE,
+                VAGUE,
             )
             if not dropped:
                 return motion, found, problem

@@ -8,8 +8,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from holdfast.analysis.online.decision import Status
-from holdfast.analysis.online.decision_record import NO_MEASUREMENT, DecisionRecord
+from holdfast.analysis.online.decision import NO_MEASUREMENT, DecisionRecord, Status
 from holdfast.errors import SimulationError
 
 GAP = 0.5

@@ -1,14 +1,21 @@
-"""A safety filter around any controller: the least change of its command that stays inside."""
+"""A safety filter around any controller: the least change of its command that stays inside.
+
+It says of the kernel that it keeps if its promise was not tried, or fell short.
+"""
 
 from __future__ import annotations
 
 import math
+import warnings
+import weakref
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.analysis.decomposition.parts_promise import default_parts_promise
+from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.analysis.online.filter_law import (
     Keep,
@@ -17,12 +24,19 @@ from holdfast.analysis.online.filter_law import (
     filter_of,
     warn_of_reduction,
 )
-from holdfast.analysis.online.kernel_promise import warn_of_promise
 from holdfast.analysis.online.measurements import Given, Measurements, time_of
 from holdfast.analysis.online.overshoot import Overshoot, crossings_of, crossings_text, overshoot_of
 from holdfast.analysis.online.reasons import Reasons
+from holdfast.analysis.reachability.value_function import Tried, ValueFunction
+from holdfast.analysis.safety.validation import default_promise
+from holdfast.analysis.safety.verdict import FELL_SHORT, UNCONFIRMED
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError, SimulationError
+from holdfast.errors import (
+    DefinitionError,
+    PromiseFellShortWarning,
+    PromiseNotTriedWarning,
+    SimulationError,
+)
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.c_source import export_c, export_c_header
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
@@ -35,6 +49,59 @@ from holdfast.maths.control.set_observer import observe_set
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+
+Kernel = ValueFunction | PartsValue
+
+REMEDY = "kernel = kernel.tried(hf.check_promise(system, kernel, region))"
+
+_warned: set[int] = set()
+
+
+def warn_of_promise(system: System, kernel: Kernel, sample_time: float, stacklevel: int) -> None:
+    """Warn once of a kernel whose promise was not tried, or fell short.
+
+    A kernel that was computed here is tried now, with the trial by default at the filter's
+    `sample_time` [s], and remembers what it came to; one from a file has been tried or not.
+    `PromiseNotTriedWarning`, `PromiseFellShortWarning`.
+    """
+    first = kernel.values[0] if isinstance(kernel, PartsValue) else kernel
+    trouble = _tried(system, kernel, sample_time) if first.report.promise_outcome is None else ""
+    report, key = first.report, id(first.dataset)
+    if report.promise_outcome not in (None, FELL_SHORT, UNCONFIRMED) or key in _warned:
+        return
+    _warned.add(key)
+    weakref.finalize(first.dataset, _warned.discard, key)
+    what = f"the {report.kind} of '{report.region}'"
+    if report.promise_outcome is None:
+        warnings.warn(
+            f"the promise of {what} was not tried{trouble}: nothing but its march says that it "
+            f"can be kept; {REMEDY} tries it in closed loop, and a file that is saved then "
+            "remembers it",
+            PromiseNotTriedWarning,
+            stacklevel=stacklevel + 1,
+        )
+    else:
+        warnings.warn(
+            f"of {what}, which the filter keeps, {report.promise_conclusion}; take a finer grid or "
+            "a shorter sample time",
+            PromiseFellShortWarning,
+            stacklevel=stacklevel + 1,
+        )
+
+
+def _tried(system: System, kernel: Kernel, sample_time: float) -> str:
+    """Try a kernel that was computed here, and note what it came to; why it cannot be tried."""
+    try:
+        if isinstance(kernel, PartsValue):
+            promise: Tried | None = default_parts_promise(kernel)
+        else:
+            promise = default_promise(system, kernel, sample_time=sample_time)
+    except SimulationError as error:
+        return f" ({error})"
+    if promise is not None:
+        for value in kernel.values if isinstance(kernel, PartsValue) else (kernel,):
+            value.dataset.attrs.update(value.tried(promise).dataset.attrs)
+    return ""
 
 
 class SafetyFilter:

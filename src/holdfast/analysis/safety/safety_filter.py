@@ -1,4 +1,4 @@
-"""Safety filters and optimal laws from value functions, ready to simulate."""
+"""Safety filters and optimal laws from value functions, to simulate, or over a plane of states."""
 
 from __future__ import annotations
 
@@ -472,3 +472,28 @@ def parameters_of(value: ValueFunction, system: System) -> dict[str, float]:
     """The parameters of a system with the numbers that a value was computed with."""
     numbers = value.report.parameters
     return {q.name: numbers[q.name] for q in system.parameters if q.name in numbers}
+
+
+def optimal_inputs(
+    system: System, value: ValueFunction, plane: tuple[str, str], held: Mapping[str, float]
+) -> tuple[dict[str, Array], tuple[Array, Array]]:
+    """At the nodes of a plane: the optimal inputs, and the two rates with the worst disturbance.
+
+    The states outside the plane are held. Arrays of shape (nodes of the first, of the second).
+    """
+    known = decided(system, value)
+    h = hamiltonian(known)
+    states = {q.name: q.symbol for q in known.states}
+    chosen = {q.symbol: h.inputs[q.name] for q in known.inputs}
+    chosen |= {q.symbol: h.disturbances[q.name] for q in known.disturbances}
+    rates = [known.rates[n].xreplace(chosen) for n in plane]
+    wanted = Evaluator(
+        [*h.inputs.values(), *rates], [*states.values(), *h.costates], known.parameters
+    )
+    axes = {a.name: a.nodes for a in value.grid.axes}
+    first, second = np.meshgrid(*(axes[n] for n in plane), indexing="ij")
+    columns = dict(held) | {plane[0]: first.ravel(), plane[1]: second.ravel()}
+    points = np.stack([np.broadcast_to(columns[n], first.size) for n in states], axis=1)
+    found = wanted.values(np.hstack([points, value.gradient(points)]), parameters_of(value, known))
+    tables = [column.reshape(first.shape) for column in found.T]
+    return dict(zip(h.inputs, tables, strict=False)), (tables[-2], tables[-1])

@@ -1,29 +1,46 @@
-"""Closed-loop (Monte Carlo) validation of a kernel: trajectories of its law from random states."""
+"""Closed-loop (Monte Carlo) validation of a kernel: trajectories of its law from random states.
+
+The outcomes of the runs are counted for the layers of the set. Where nobody asks for another, the
+trial takes about a second of work.
+
+Disturbances are adversaries: state feedback, or along a schedule. With state feedback the
+disturbance lowers the value along its gradient, or the margin of the constraints. Both are greedy,
+and the first relies on the value under test. The schedules do not: every coordinate of a bound
+follows
+
+    amplitude clip(gain (sin(pace t + phase) + bias), -1, 1)
+
+which is a constant extreme at pace 0, switches between extremes if the gain is large, and
+swings if it is 1. Numbers are drawn for every run; paces are spread evenly over their logarithm,
+from one change per horizon to one every few samples, so that no unit of time is preferred.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+import sympy as sp
 
 from holdfast.analysis.reachability.grid import whole
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.memory_estimate import check_trials
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
-from holdfast.analysis.safety.depth import inside_states, outer_states, outside_states
+from holdfast.analysis.safety.depth import Outer, inside_states, outer_states, outside_states
 from holdfast.analysis.safety.safety_filter import (
+    REACHED,
     check_not_empty,
     decided,
     safety_law,
     sampled_margin,
     worst_disturbance,
 )
-from holdfast.analysis.safety.trial_runs import ALL, NO_DISTURBANCE, Runs, layers_of
-from holdfast.analysis.safety.verdict import Beaten, Promise, Trials
+from holdfast.analysis.safety.sampled_value import sampled_value
+from holdfast.analysis.safety.verdict import Beaten, Layer, Promise, Trials
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
@@ -35,11 +52,139 @@ from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.maths.control.value_filter import ADVERSARY_AIM
 from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import TIME, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
+from holdfast.maths.expressions.functions import clip
 from holdfast.maths.games.sampled_inputs import without_closed_form
+
+NO_DISTURBANCE = "no disturbance"
+ALL = "every disturbance tried"
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Outcomes of runs: kept, left the grid first, nearness to the boundary (large: near), time.
+
+    worst: the largest constraint of each run, NaN for a basin; missed: the negative value of the
+    run, by how much it leaves the region, or of a basin misses the goal or leaves it before.
+    """
+
+    kept: npt.NDArray[np.bool_]
+    off_grid: npt.NDArray[np.bool_]
+    near: Array
+    time: Array
+    outcome: npt.NDArray[Any]
+    worst: Array
+    missed: Array
+    relaxed: npt.NDArray[np.bool_]
+
+    @property
+    def excursion(self) -> float:
+        return float(np.max(self.worst))
+
+    def part(self, which: slice) -> Runs:
+        """Those of some starts."""
+        return Runs(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
+
+    def trials(self, what: str) -> Trials:
+        kept = Rate(int(self.kept.sum()), len(self.kept))
+        return Trials(what, kept, int(self.off_grid.sum()), self.excursion, int(self.relaxed.sum()))
+
+
+def layers_of(outer: Outer, every: Sequence[Runs], loss: float | None) -> tuple[Layer, ...]:
+    """The layers of a set around the states inside, whose runs are the last of every kind.
+
+    loss: of a held input, where the set claims what is a cell inside.
+    """
+    parts = (
+        (outer.between, outer.between_share, "at least a cell inside", "a cell", loss),
+        (outer.edge, outer.edge_share, "within a cell of the edge", "the edge", None),
+    )
+    layers, ahead = [], len(every[0].kept) - sum(len(states) for states, *_ in parts)
+    for states, share, where, down_to, allowed in parts:
+        runs = [r.part(slice(ahead, ahead + len(states))) for r in every]
+        ahead += len(states)
+        if len(states):
+            missed = max(float(np.where(r.kept, 0.0, r.missed).max()) for r in runs)
+            trials = _against_all(runs)
+            layers.append(Layer(where, down_to, share, trials, max(missed, 0.0), allowed))
+    return tuple(layers)
+
+
+def _against_all(every: Sequence[Runs]) -> Trials:
+    """The starts against all that was tried."""
+    kept: Any = np.stack([r.kept for r in every]).all(axis=0)
+    off: Any = np.stack([r.off_grid for r in every]).any(axis=0) & ~kept
+    relaxed: Any = np.stack([r.relaxed for r in every]).any(axis=0)
+    worst = float(np.max([r.excursion for r in every]))
+    what = ALL if len(every) > 1 else NO_DISTURBANCE
+    rate = Rate(int(kept.sum()), len(kept))
+    return Trials(what, rate, int(off.sum()), worst, int(relaxed.sum()))
+
+
+Range = tuple[float, float]
+
+STEEP = 1e6
+"""The gain of a switching schedule."""
+
+CONSTANT, INSIDE = "constant extremes", "constants within the bounds"
+SWITCHING, SWINGING = "switching extremes", "random swings"
+
+
+@dataclass(frozen=True)
+class Schedules:
+    """Disturbances along a schedule: one set of expressions for all kinds, and the draws.
+
+    coordinates: the kind of bound of each coordinate, "box" or "ball".
+    """
+
+    expressions: dict[str, sp.Expr]
+    coordinates: tuple[str, ...]
+
+    def drawn(self, kind: str, horizon: float, sample_time: float) -> Varied:
+        """The draws of every run for a kind, one of CONSTANT, INSIDE, SWITCHING, SWINGING."""
+        paces = (math.log(math.pi / horizon), math.log(math.pi / (5.0 * sample_time)))
+        if kind in (CONSTANT, INSIDE):
+            paces = (-700.0, -700.0)  # exp(-700) t is constant
+        gain = 1.0 if kind == SWINGING else STEEP
+        draws: dict[str, Range] = {"schedule_gain": (gain, gain)}
+        for number, bound in enumerate(self.coordinates):
+            either = kind == INSIDE or (bound == "ball" and kind != SWINGING)
+            least = -1.0 if either else 1.0
+            draws[f"schedule_amplitude_{number}"] = (least, 1.0)
+            draws[f"schedule_pace_{number}"] = (paces[0], max(paces))
+            draws[f"schedule_phase_{number}"] = (-math.pi, math.pi)
+            draws[f"schedule_bias_{number}"] = (-0.9, 0.9) if kind == SWITCHING else (0.0, 0.0)
+        used = {s.name for e in self.expressions.values() for s in e.free_symbols}
+        draws = {n: ends for n, ends in draws.items() if n in used}
+        return Varied(draws, {}, {}, dict.fromkeys(draws, "1"))
+
+
+def schedules(system: System) -> Schedules:
+    """The disturbances of the system along schedules that stay within their bounds."""
+    coordinates: list[str] = []
+
+    def wave(bound: str) -> sp.Expr:
+        number = len(coordinates)
+        coordinates.append(bound)
+        amplitude, pace, phase, bias = (
+            symbol(f"schedule_{name}_{number}") for name in ("amplitude", "pace", "phase", "bias")
+        )
+        swing = sp.sin(sp.exp(pace) * TIME + phase) + bias
+        return amplitude * clip(symbol("schedule_gain") * swing, sp.S(-1), sp.S(1))
+
+    assert system.disturbance_bounds is not None
+    moved = system.disturbance_bounds.moving(wave)
+    expressions = dict(zip(system.disturbance_names, moved, strict=True))
+    read = set().union(*(r.free_symbols for r in system.rates.values()))
+    for q in system.disturbances:
+        if q.symbol not in read:  # no rate depends on it
+            expressions[q.name] = sp.S.Zero
+    return Schedules(expressions, tuple(coordinates))
+
 
 OF_VALUE, OF_MARGIN = "the gradient of the value", "the gradient of the constraints"
 DISTURBED = (OF_VALUE, OF_MARGIN, CONSTANT, INSIDE, SWITCHING, SWINGING)
@@ -299,3 +444,79 @@ def _beaten(starts: Array, found: dict[str, Runs], each: int = 1) -> list[Beaten
                 state = tuple(float(v) for v in starts[row])
                 beaten[row // each] = Beaten(state, what, outcome, float(runs.time[row]))
     return list(beaten.values())
+
+
+WORK = 3_000_000
+"""Samples of runs in two states, of starts inside and around them, against every disturbance."""
+
+MOST, FEWEST = 200, 40
+"""Starts inside; fewer where runs are long, then shorter runs."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The starts inside, the horizon [s] and the time for which inputs are held [s]."""
+
+    runs: int
+    horizon: float
+    sample_time: float
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """For `check_promise`."""
+        return {"runs": self.runs, "horizon": self.horizon, "sample_time": self.sample_time}
+
+
+FALLS = 0.04
+"""The share of what is left above the level of a filter by which the value may fall in a sample."""
+
+
+def default_trial(system: System, value: ValueFunction, sample_time: float | None = None) -> Trial:
+    """The trial of a value function that takes about a second, the same on every machine.
+
+    Inputs are held for `sample_time` [s], by default for an Euler step of its march, in which no
+    state crosses a cell, so that the trial depends on no unit of time. A look-up in n states
+    reads 2^n nodes, for the value and its n slopes. The horizon is that of the value function, or,
+    where FEWEST starts for as long are too much work, as long as can be afforded; a goal is to be
+    reached in the whole horizon.
+    """
+    report, states = value.report, len(value.grid.axes)
+    hold = report.euler_step if sample_time is None else sample_time
+    kinds = len(DISTURBED) if system.disturbances else 1
+    look_up = 2**states * (states + 1) / 12
+    samples = WORK / (2 * kinds * max(look_up, 1.0))
+    runs = int(min(MOST, max(FEWEST, samples * hold / report.horizon_s)))
+    horizon = report.horizon_s
+    if report.kind not in REACHED:
+        horizon = min(horizon, samples * hold / runs)
+    horizon = max(1, math.floor(horizon / hold * (1 + 1e-9))) * hold
+    return Trial(runs, min(horizon, max(report.horizon_s, hold)), hold)
+
+
+def default_promise(
+    system: System,
+    value: ValueFunction,
+    progress: Progress | None = None,
+    sample_time: float | None = None,
+) -> Promise | None:
+    """The promise of a value function by `default_trial`; None where what it claims is not known.
+
+    Where the sampled game is solved, the law is the safety filter around inputs of zero: at a ridge
+    of V the optimal inputs keep less than the kernel, and the filter is what a vehicle runs.
+
+    Raises `SimulationError` where it cannot be tried, as `check_promise`.
+    """
+    if value.claim is None:
+        return None
+    trial = default_trial(system, value, sample_time)
+    region, goal = value.claim.region, value.claim.goal
+    options: dict[str, Any] = {"goal": goal, "progress": progress, **trial.settings}
+    if value.report.converged and sampled_value(decided(system, value), value, trial.sample_time):
+        options |= {"law": at_rest(system), "rate": FALLS / trial.sample_time}
+    return check_promise(system, value, region, **options)
+
+
+def at_rest(system: System) -> Law:
+    """Inputs of zero, or those nearest to it within the bounds."""
+    zeros = dict.fromkeys(system.input_names, sp.S.Zero)
+    return Law(name=f"inputs of {system.name} at zero", reads=(), outputs=zeros)

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.analysis.identification.log import Log, Signal
-from holdfast.analysis.identification.windows import period
+from holdfast.analysis.identification.log import Log, Signal, period
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.interop.logs.recording import Recording

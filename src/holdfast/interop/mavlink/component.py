@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 
-from holdfast.analysis.online.decision_record import DecisionRecord
+from holdfast.analysis.online.decision import DecisionRecord
 from holdfast.analysis.online.relay import Relay
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked

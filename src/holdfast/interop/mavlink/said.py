@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from holdfast.analysis.online.decision import Status
-from holdfast.analysis.online.decision_record import DecisionRecord
+from holdfast.analysis.online.decision import DecisionRecord, Status
 from holdfast.interop.mavlink.frames import Message, dialect
 
 CHUNK = 50

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from holdfast.analysis.online.decision import Status
-from holdfast.analysis.online.decision_record import DecisionRecord
+from holdfast.analysis.online.decision import DecisionRecord, Status
 from holdfast.interop.ros2.node import Node, Subscription
 from holdfast.interop.ros_messages import header, made
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
-from holdfast.analysis.online.decision_record import DecisionRecord
-from holdfast.analysis.online.plant import Plant
+from holdfast.analysis.online.controller import Plant
+from holdfast.analysis.online.decision import DecisionRecord
 from holdfast.analysis.online.relay import Relay
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from holdfast.analysis.online.decision_record import DecisionRecord
+from holdfast.analysis.online.decision import DecisionRecord
 from holdfast.analysis.online.interventions import GRAVITY, Intervention
 
 SPAN = 10.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from holdfast.analysis.safety.resting_search import RestingState
+from holdfast.analysis.safety.equilibria import RestingState
 
 
 def resting_text(

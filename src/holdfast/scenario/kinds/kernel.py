@@ -15,9 +15,8 @@ from holdfast.analysis.reachability.memory_estimate import check_trials
 from holdfast.analysis.reachability.posed_march import finer
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.analysis.safety.default_promise import default_promise
 from holdfast.analysis.safety.safety_filter import FORMER
-from holdfast.analysis.safety.validation import check_promise
+from holdfast.analysis.safety.validation import check_promise, default_promise
 from holdfast.analysis.safety.verdict import Promise
 from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import RenamedWarning, ScenarioError, SimulationError
@@ -167,7 +166,7 @@ class KernelScenario(SetScenario):
 
     def _law_figure(self, answer: KernelResult, around: dict[str, Any]) -> Any:
         """The optimal inputs in the plane of the figures; around: what is drawn beside the set."""
-        from holdfast.analysis.safety.optimal_inputs import optimal_inputs
+        from holdfast.analysis.safety.safety_filter import optimal_inputs
         from holdfast.presentation.figures.optimal_input import optimal_input_figure
 
         names = self.system.state_names
