@@ -57,13 +57,14 @@ class Zenoh:
 
     def __init__(self, outward: str, inward: str) -> None:
         from holdfast.interop import ros_messages
-        from holdfast.interop.ros2 import Network, Node, wire
+        from holdfast.interop.ros2 import Network, Node
+        from holdfast.interop.ros2.node import topic_key
 
         self.messages = ros_messages
         self.node = Node("bench", network=Network(7, (ROUTER,), ("tcp/127.0.0.1:0",)))
         self.publisher = self.node.publisher(outward, ros_messages.ODOMETRY)
         kind, digest = ros_messages.ODOMETRY, ros_messages.digest(ros_messages.ODOMETRY)
-        self.key = wire.topic_key(7, f"/{inward}", kind, digest)
+        self.key = topic_key(7, f"/{inward}", kind, digest)
 
     def send(self, x: float) -> None:
         self.publisher.send(

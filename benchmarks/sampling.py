@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import holdfast as hf
 from holdfast.errors import GainWarning
-from holdfast.maths.control.held_conditions import longest_hold
+from holdfast.maths.control.safety_filter import longest_hold
 from holdfast.studies.comparison.compare import variant
 
 LAWS = {

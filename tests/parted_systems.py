@@ -1,7 +1,7 @@
 """Systems and regions that fall into parts."""
 
 import holdfast as hf
-from holdfast.maths.definitions.lag import lagged
+from holdfast.maths.definitions.extension import lagged
 
 Q = hf.Quantity
 

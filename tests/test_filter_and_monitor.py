@@ -17,8 +17,8 @@ import pytest
 
 import holdfast as hf
 from holdfast.analysis.online.interventions import Interventions
-from holdfast.host.terminal import Foot
-from holdfast.presentation.text.live import Live
+from holdfast.host.streams import Foot
+from holdfast.presentation.text.interventions import Live
 from tests.command_line import called, started
 from tests.decisions import START, camera_filter, drive, messages, pd, record, sample, stream
 from tests.scenario_files import EXTERNAL

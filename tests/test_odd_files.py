@@ -13,7 +13,7 @@ import holdfast as hf
 from holdfast.commands.main import main
 from holdfast.errors import HoldfastError, OutputError
 from holdfast.maths.definitions.vehicle_file import vehicle_for
-from holdfast.planning.geojson import geojson_cells
+from holdfast.planning.environment import geojson_cells
 from holdfast.scenario.load import load_scenario
 from tests.command_line import FAST, ONE_STATE, holdfast, started
 

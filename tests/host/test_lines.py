@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from holdfast.host.lines import LONGEST, lines
+from holdfast.host.streams import LONGEST, lines
 
 
 @pytest.fixture

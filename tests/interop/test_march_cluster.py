@@ -19,7 +19,6 @@ distributed = pytest.importorskip("distributed")
 
 from holdfast.interop import cluster as connections  # noqa: E402
 from holdfast.interop import march_cluster as module  # noqa: E402
-from holdfast.interop import march_worker  # noqa: E402
 from holdfast.interop.march_cluster import march_cluster  # noqa: E402
 
 WHOLE = layers((9, 9, 9), 3, "extrapolated").parts(1, 1)[0]
@@ -97,8 +96,8 @@ def test_what_a_worker_cannot_do_is_told_and_is_no_loss():
     def write():
         raise OSError(28, "No space left on device")
 
-    held = march_worker.HeldPart("a", ["tcp://a:1"], 0)
-    told = asyncio.run(march_worker._told(held, write))
+    held = module.HeldPart("a", ["tcp://a:1"], 0)
+    told = asyncio.run(module._told(held, write))
     held.thread.shutdown()
     assert isinstance(told, SimulationError)
     assert "worker tcp://a:1 cannot go on (OSError: [Errno 28] No space left on" in str(told)
@@ -125,12 +124,12 @@ def test_a_worker_that_takes_on_no_task_is_told_from_one_that_is_lost(there):
 @pytest.mark.parametrize(("asked", "has"), [(None, 4), (2, 2)])
 def test_a_part_has_the_threads_of_its_worker_or_those_asked_for(asked, has, monkeypatch):
     made = []
-    monkeypatch.setattr(march_worker, "MarchPart", lambda *_, threads, **__: made.append(threads))
+    monkeypatch.setattr(module, "MarchPart", lambda *_, threads, **__: made.append(threads))
     worker = SimpleNamespace(address="tcp://a:1", state=SimpleNamespace(nthreads=4))
     posed = SimpleNamespace(marching=Marching(threads=asked))
     given = ("march", posed, [WHOLE], [worker.address], 1)
-    asyncio.run(march_worker.build(*given, dask_worker=worker))
-    march_worker._held.pop(("march", worker.address)).thread.shutdown()
+    asyncio.run(module.build(*given, dask_worker=worker))
+    module._held.pop(("march", worker.address)).thread.shutdown()
     assert made == [has]
 
 

@@ -23,7 +23,7 @@ from holdfast.interop.mavlink import (
     SimulatedVehicle,
     serve,
 )
-from holdfast.interop.mavlink.measurements import Measurements
+from holdfast.interop.mavlink.component import Measurements
 from holdfast.interop.planar_motion import PlanarMotion
 from holdfast.interop.udp import Port
 from tests.interop.recorded import recorded

@@ -14,12 +14,10 @@ from holdfast.maths.formations.turning_radii import (
     turning_radii,
     zero_off_tracking_gain,
 )
-from holdfast.planning.convoy import Convoy
-from holdfast.planning.corners import route_corners
-from holdfast.planning.environment import environment
+from holdfast.planning.corners import Convoy, route_corners
+from holdfast.planning.environment import environment, plan_route
 from holdfast.planning.fields import route_fields
 from holdfast.planning.leader import lead_along
-from holdfast.planning.route import plan_route
 from tests.planning.spaces import CORNER, box
 
 

@@ -8,9 +8,7 @@ import pytest
 import shapely
 
 from holdfast.errors import DefinitionError
-from holdfast.planning.environment import environment
-from holdfast.planning.geojson import geojson_cells
-from holdfast.planning.route import plan_route
+from holdfast.planning.environment import environment, geojson_cells, plan_route
 from tests.planning.spaces import CORNER, SOUTH, WEST, box, ring
 
 

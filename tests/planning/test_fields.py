@@ -12,9 +12,8 @@ from holdfast.errors import DefinitionError
 from holdfast.maths.expressions.functions import greatest
 from holdfast.maths.formations.cell_field import blended, direction_of, exit_field
 from holdfast.maths.formations.footprint import edges, polygon
-from holdfast.planning.environment import environment
+from holdfast.planning.environment import environment, plan_route
 from holdfast.planning.fields import DEPTH, route_fields
-from holdfast.planning.route import plan_route
 from tests.planning.spaces import CORNER, box, ring
 
 X, Y = hf.symbol("x"), hf.symbol("y")

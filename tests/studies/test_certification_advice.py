@@ -11,9 +11,8 @@ from holdfast.commands.certify import command
 from holdfast.errors import ScenarioError, SimulationError
 from holdfast.presentation.studies.certificate import advice_text
 from holdfast.scenario.load import load_scenario
-from holdfast.studies import certification_advice
-from holdfast.studies.certification import certified
-from holdfast.studies.certification_advice import what_helps
+from holdfast.studies import certification
+from holdfast.studies.certification import certified, what_helps
 from tests.command_line import called
 
 
@@ -65,12 +64,12 @@ def test_what_does_not_help_is_said():
 
 
 def test_trials_are_of_fewer_cells_where_there_are_many(monkeypatch):
-    monkeypatch.setattr(certification_advice, "MOST_CELLS", 3000)
+    monkeypatch.setattr(certification, "MOST_CELLS", 3000)
     cells = {"ahead": 21, "left": 27, "v": 11}
     options = {"cells": cells, "sample_time": 1.5, "errors": {"left": 0.02}}
     strong = ("system.parameters.current.value=0.25",)
     found = certified("seen-with-sway", strong, **options)
-    assert found.kept.share < certification_advice.ENOUGH
+    assert found.kept.share < certification.ENOUGH
     progress = []
     advice = what_helps(
         found, "seen-with-sway", strong, options, lambda _, done: progress.append(done)
@@ -82,7 +81,7 @@ def test_trials_are_of_fewer_cells_where_there_are_many(monkeypatch):
     best = advice.changes[0]
     assert best.option in times
     assert best.cells == (16, 21, 9)
-    assert best.share >= best.before + certification_advice.GAIN
+    assert best.share >= best.before + certification.GAIN
     assert "tried on 16 x 21 x 9 cells, which have" in advice_text(advice)
 
 
@@ -117,7 +116,7 @@ def test_interrupted_trials_leave_the_answer(monkeypatch, tmp_path):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(certification_advice, "what_helps", interrupted)
+    monkeypatch.setattr(certification, "what_helps", interrupted)
     asked = ["held-station", "--cells", "31", "--set", "certificate.sample_time=0.1"]
     answer = CliRunner().invoke(command, [*asked, "--no-figures", "--out", str(tmp_path)])
     assert answer.exit_code == 0

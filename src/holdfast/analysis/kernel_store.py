@@ -25,10 +25,9 @@ import platformdirs
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import HoldfastError, OutputError
-from holdfast.host.output import make_folder
 from holdfast.host.reading import MOST_TEXT as MOST_INDEX
 from holdfast.host.reading import check_file, read_small_text
-from holdfast.host.writing import atomic_file, not_written
+from holdfast.host.writing import atomic_file, make_folder, not_written
 
 INDEX, LAYOUT = "index.json", 1
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")

@@ -33,10 +33,9 @@ from holdfast.analysis.kernel_store import (
     pieces,
 )
 from holdfast.errors import OutputError
-from holdfast.host.output import make_folder
 from holdfast.host.reading import MOST_TEXT as MOST_INDEX
 from holdfast.host.reading import read_small_text
-from holdfast.host.writing import not_written
+from holdfast.host.writing import make_folder, not_written
 
 PATIENCE = 30.0
 """Seconds without an answer after which a download is given up."""

@@ -15,7 +15,7 @@ import click
 
 from holdfast.commands.options import NOT_ANSWERED, WHOLE, file_options
 from holdfast.errors import ScenarioError
-from holdfast.host.output import check_writable
+from holdfast.host.writing import check_writable
 from holdfast.studies.progress import bar
 
 
@@ -249,8 +249,7 @@ class _Answer:
 
 def _of_scenario(scenario: str, overrides: tuple[str, ...], options: dict[str, Any]) -> _Answer:
     from holdfast.presentation.studies.certificate import advice_text, certificate_text
-    from holdfast.studies.certification import certified, write_certificate
-    from holdfast.studies.certification_advice import what_helps
+    from holdfast.studies.certification import certified, what_helps, write_certificate
 
     def helps(found: Any, progress: Any) -> str:
         beside = {n: v for n, v in options.items() if n not in ("store", "kernel", "margin")}
@@ -305,7 +304,7 @@ def _of_box(scenario: str, overrides: tuple[str, ...], options: dict[str, Any]) 
 def _of_largest(
     scenario: str, overrides: tuple[str, ...], name: str, options: dict[str, Any]
 ) -> _Answer:
-    from holdfast.presentation.studies.largest_certified import largest_text
+    from holdfast.presentation.studies.certificate import largest_text
     from holdfast.studies.largest_certified import largest_certified, write_largest
 
     def missing(found: Any) -> str | None:

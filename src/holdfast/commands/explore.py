@@ -7,8 +7,7 @@ from pathlib import Path
 
 import click
 
-from holdfast.host.output import check_writable, make_folder
-from holdfast.host.writing import atomic_file
+from holdfast.host.writing import atomic_file, check_writable, make_folder
 
 
 @click.command("explore")

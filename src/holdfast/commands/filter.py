@@ -17,8 +17,7 @@ import click
 from holdfast.commands.options import ANSWERED, NOT_ANSWERED, set_option
 from holdfast.errors import OutputError
 from holdfast.host.interruption import GRACE, end, postponed
-from holdfast.host.lines import lines
-from holdfast.host.streams import descriptor_of, has_reader
+from holdfast.host.streams import descriptor_of, has_reader, lines
 from holdfast.studies.progress import bar
 
 if TYPE_CHECKING:

@@ -15,10 +15,17 @@ import click
 from holdfast.commands.options import ANSWERED, NOT_ANSWERED
 from holdfast.errors import OutputError, ScenarioError, SimulationError
 from holdfast.host.interruption import postponed
-from holdfast.host.lines import lines
-from holdfast.host.output import check_writable, write_summary
-from holdfast.host.streams import descriptor_of, has_reader
-from holdfast.host.terminal import Foot, has_blocks, has_colours, is_live, plain
+from holdfast.host.streams import (
+    Foot,
+    descriptor_of,
+    has_blocks,
+    has_colours,
+    has_reader,
+    is_live,
+    lines,
+    plain,
+)
+from holdfast.host.writing import check_writable, write_summary
 
 if TYPE_CHECKING:
     from holdfast.analysis.online.decision import DecisionRecord
@@ -84,7 +91,7 @@ class Watch:
 
     def __init__(self, gap: float | None) -> None:
         from holdfast.analysis.online.interventions import GAP, Intervention, Interventions
-        from holdfast.presentation.text.live import Live
+        from holdfast.presentation.text.interventions import Live
 
         self.seen = Interventions(GAP if gap is None else gap)
         self.ended: list[Intervention] = []
@@ -133,7 +140,7 @@ class Watch:
         if self.foot is None:
             click.echo(text)
         else:
-            from holdfast.presentation.text.live import wrapped
+            from holdfast.presentation.text.interventions import wrapped
 
             self._said += wrapped(text, self.foot.size[0])
 

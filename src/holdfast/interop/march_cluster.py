@@ -1,23 +1,200 @@
-"""Marches divided among the workers of a Dask cluster."""
+"""Marches divided among the workers of a Dask cluster, and what a worker does when it is asked.
+
+The values stay in the worker. They are no result of a task, so Dask neither moves nor recomputes
+them; a lease, which is one, ends with the connection of whoever asked for the march, and they go
+with it. Every request says which of the march it is, so that none is answered twice, or by a worker
+that has begun anew. Edges go from worker to worker. What is handed over is a copy, of which the
+last two are kept: a neighbour asks for one while the next is made.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import time
 import uuid
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
+
+from distributed.protocol.serialize import Serialize
 
 from holdfast._version import __version__
 from holdfast.analysis.reachability.divided_march import PartsLostError, cut
-from holdfast.analysis.reachability.march_part import layers_of
+from holdfast.analysis.reachability.march_part import MarchPart, layers_of
 from holdfast.analysis.reachability.memory_estimate import part_memory
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import HoldfastError, SimulationError
-from holdfast.interop import march_worker
+from holdfast.execution.level_set.slab import Edges, Part
+from holdfast.execution.level_set.sweeping import StageAnswer, StageOrder
+from holdfast.execution.working_room import Memory
 from holdfast.interop.cluster import connected
 from holdfast.maths.games.hamiltonian import Hamiltonian
+
+_serialized: Any = Serialize  # it has no types
+
+EDGES = "holdfast_edges"
+"""The request of one worker to another."""
+
+
+@dataclass(frozen=True)
+class Hello:
+    """What a worker says of itself: its version of holdfast, threads, bytes of memory."""
+
+    version: str
+    threads: int
+    memory: int
+
+
+@dataclass(frozen=True)
+class Lost:
+    """The answer of a worker that has no such part, or no such neighbour, any more."""
+
+    why: str
+
+
+class Lease:
+    """Kept by the scheduler for whoever began a march; the part goes with it."""
+
+    def __init__(self, march: str, name: str) -> None:
+        self.march, self.name = march, name
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise TypeError("a part of a march stays in its worker")
+
+    def __del__(self) -> None:
+        release(self.march, self.name)
+
+
+class HeldPart:
+    """A part, with its neighbours by the addresses of their workers."""
+
+    def __init__(self, march: str, addresses: Sequence[str], place: int) -> None:
+        self.march, self.addresses, self.place = march, addresses, place
+        self.thread = ThreadPoolExecutor(1, thread_name_prefix="holdfast-part")
+        self.rounds = 0
+        self.handed: dict[int, dict[int, Edges]] = {}
+
+    def build(self, posed: Posed, parts: Sequence[Part], stages: int, threads: int) -> None:
+        self.parts = parts
+        own = parts[self.place]
+        self.part = MarchPart(posed, own, stages=stages, threads=threads, room=Memory())
+        self.wanted = own.wanted(parts) if len(parts) > 1 else []
+        self.asked = {
+            k: which
+            for k, other in enumerate(parts)
+            for place, which in other.wanted(parts)
+            if place == self.place and len(parts) > 1
+        }
+
+    def carry_out(self, orders: Sequence[StageOrder], found: list[Edges]) -> list[StageAnswer]:
+        """Stages, after what the others have handed over."""
+        self.handed.pop(self.rounds - 1, None)  # all have it, as they have been asked again
+        if found:
+            self.part.take(found)
+            found.clear()  # the memory is needed for what is handed over next
+        answers = self.part.carry_out(orders)
+        self.rounds += 1
+        self.handed[self.rounds] = {
+            k: self.part.edges(which).copy() for k, which in self.asked.items()
+        }
+        return answers
+
+
+_held: dict[tuple[str, str], HeldPart] = {}
+"""The parts in this process, by march and by the address of their worker."""
+
+
+def hello(dask_worker: Any) -> Hello:
+    """What a worker is, once it can hand over edges."""
+
+    async def edges(march: str, rounds: int, place: int) -> Any:
+        held = _held.get((march, dask_worker.address))
+        if held is None or rounds not in held.handed:
+            return None
+        return _serialized(held.handed[rounds][place])
+
+    dask_worker.handlers[EDGES] = edges
+    memory = dask_worker.memory_manager.memory_limit or 0
+    return Hello(__version__, dask_worker.state.nthreads, int(memory))
+
+
+async def build(
+    march: str,
+    posed: Posed,
+    parts: Sequence[Part],
+    addresses: Sequence[str],
+    stages: int,
+    dask_worker: Any,
+) -> Any:
+    """Make the part of this worker."""
+    held = HeldPart(march, addresses, addresses.index(dask_worker.address))
+    _held[march, dask_worker.address] = held
+    threads = posed.marching.threads or dask_worker.state.nthreads
+    return await _told(held, held.build, posed, parts, stages, threads)
+
+
+async def ask(march: str, rounds: int, method: str, given: Sequence[Any], dask_worker: Any) -> Any:
+    """What the part answers to a method of `MarchPart`, after so many rounds of stages."""
+    held = _held.get((march, dask_worker.address))
+    if held is None or held.rounds != rounds:
+        return Lost("it has begun anew")
+    return await _told(held, getattr(held.part, method), *given)
+
+
+async def carry_out(march: str, rounds: int, orders: Sequence[StageOrder], dask_worker: Any) -> Any:
+    """One round: the edges of the others, then stages."""
+    held = _held.get((march, dask_worker.address))
+    if held is None or held.rounds != rounds:
+        return Lost("it has begun anew")
+    found: list[Edges] = []
+    if rounds > 0:
+        try:
+            asked = (
+                dask_worker.rpc(held.addresses[k]).holdfast_edges(
+                    march=march, rounds=rounds, place=held.place
+                )
+                for k, _ in held.wanted
+            )
+            found = list(await asyncio.gather(*asked))
+        except OSError as error:
+            return Lost(f"a neighbour is gone ({type(error).__name__})")
+        if any(edges is None for edges in found):
+            return Lost("a neighbour has begun anew")
+    return await _told(held, held.carry_out, orders, found)
+
+
+async def _told(held: HeldPart, function: Any, *given: Any) -> Any:
+    """What it gives, or the error that it raises, in the thread of the part.
+
+    An `OSError` of its own is not one of the connection to it, which says that it is lost.
+    """
+    loop = asyncio.get_running_loop()
+    try:
+        return await loop.run_in_executor(held.thread, function, *given)
+    except HoldfastError as error:
+        return error
+    except (OSError, MemoryError) as error:
+        return SimulationError(
+            f"worker {held.addresses[held.place]} cannot go on ({type(error).__name__}: {error})",
+            remedy="look at its log",
+        )
+
+
+def release(march: str, name: str) -> None:
+    """Let go of the part of a march, if there is one; what it is doing is done first."""
+    held = _held.pop((march, name), None)
+    if held is not None:
+        held.thread.submit(_ended, held)
+        held.thread.shutdown(wait=False)
+
+
+def _ended(held: HeldPart) -> None:
+    if hasattr(held, "part"):
+        held.part.close(False)
+
 
 REJOINS = 10.0
 """Seconds in which a worker that was lost may be back; then the others go on without it."""
@@ -82,7 +259,7 @@ class MarchCluster:
         finally:
             held.release()
 
-    def _workers(self) -> dict[str, march_worker.Hello]:
+    def _workers(self) -> dict[str, Hello]:
         """Those that answer, by address; as many as before, where they are back in time."""
         if self._count:
             time.sleep(SETTLES)
@@ -108,14 +285,14 @@ class MarchCluster:
                 )
         return dict(sorted(found.items()))
 
-    def _answering(self) -> dict[str, march_worker.Hello]:
+    def _answering(self) -> dict[str, Hello]:
         if self._client.status == "closed":
             raise SimulationError(
                 f"the connection to cluster {self._address} has been closed",
                 remedy="march within the block of `with march_cluster(...)`",
             )
         try:
-            answers = self._client.run(march_worker.hello, on_error="return")
+            answers = self._client.run(hello, on_error="return")
         except OSError as error:
             raise _no_scheduler(self._address, error) from None
         for name, answer in answers.items():
@@ -124,7 +301,7 @@ class MarchCluster:
                     f"cluster {self._address}: worker {name} cannot import holdfast ({answer})",
                     remedy='install it there too: pip install "holdfast[cluster]"',
                 )
-        return {n: a for n, a in answers.items() if isinstance(a, march_worker.Hello)}
+        return {n: a for n, a in answers.items() if isinstance(a, Hello)}
 
     def _stages(self, posed: Posed, count: int, threads: int) -> int:
         """From an exchange to the next: one stage, or those of a step."""
@@ -163,7 +340,7 @@ class ClusterParts:
         )
         self._leases = [
             self._client.submit(
-                march_worker.Lease,
+                Lease,
                 self._march,
                 name,
                 key=f"holdfast-march-{self._march}-{k}",
@@ -177,7 +354,7 @@ class ClusterParts:
             self._wait_for(name, lease)
         sent = dataclasses.replace(posed, marching=marching)
         given = (self._march, sent, self.parts, self._names, self.stages)
-        self._answers(march_worker.build, self._names, *given)
+        self._answers(build, self._names, *given)
 
     def _wait_for(self, name: str, lease: Any) -> None:
         """Until a worker has taken on its lease; refused where it is there and does not."""
@@ -195,17 +372,15 @@ class ClusterParts:
 
     def ask(self, method: str, *given: Any) -> list[Any]:
         if method == "carry_out":
-            found = self._answers(
-                march_worker.carry_out, self._names, self._march, self._rounds, *given
-            )
+            found = self._answers(carry_out, self._names, self._march, self._rounds, *given)
             self._rounds += 1
             return found
         asked = (self._march, self._rounds, method, given)
-        return self._answers(march_worker.ask, self._names, *asked)
+        return self._answers(ask, self._names, *asked)
 
     def ask_one(self, place: int, method: str, *given: Any) -> Any:
         asked = (self._march, self._rounds, method, given)
-        return self._answers(march_worker.ask, [self._names[place]], *asked)[0]
+        return self._answers(ask, [self._names[place]], *asked)[0]
 
     def exchange(self) -> None:
         """Every part takes over the edges of the others when it is asked for the next stages."""
@@ -225,8 +400,8 @@ class ClusterParts:
         if refused:
             raise refused[0]
         for name, answer in zip(names, answers, strict=True):
-            if isinstance(answer, (march_worker.Lost, OSError)):
-                why = answer.why if isinstance(answer, march_worker.Lost) else str(answer)
+            if isinstance(answer, (Lost, OSError)):
+                why = answer.why if isinstance(answer, Lost) else str(answer)
                 raise PartsLostError(_lost(self._address, name, why))
             if isinstance(answer, BaseException):
                 raise answer
@@ -249,7 +424,7 @@ def _no_scheduler(address: str, error: OSError) -> SimulationError:
     )
 
 
-def _check_memory(posed: Posed, name: str, worker: march_worker.Hello, needed: int) -> None:
+def _check_memory(posed: Posed, name: str, worker: Hello, needed: int) -> None:
     if worker.memory and needed > 0.7 * worker.memory:
         raise SimulationError(
             f"a part of {posed.grid.nodes:,} nodes takes {needed / 2**30:.3g} GiB, and worker "

@@ -1,19 +1,27 @@
-"""The free space of robots as convex cells, and the passages between them."""
+"""The free space of robots as convex cells, the passages between them, and their order on a route.
+
+Cells are read from a GeoJSON file, or given.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, pairwise
+from pathlib import Path
+from typing import Any
 
+import networkx as nx
 import numpy as np
 import shapely
 import shapely.ops
 
-from holdfast.errors import DefinitionError
+from holdfast.errors import DefinitionError, ScenarioError
 from holdfast.execution.arrays import Array
+from holdfast.host.reading import read_small_text
 from holdfast.maths.formations.footprint import Edge, edges, polygon
 
 Point = tuple[float, float]
@@ -323,3 +331,139 @@ def _segments(shape: shapely.Geometry) -> tuple[tuple[Point, Point], ...]:
         points = [(float(x), float(y)) for x, y in ring.coords]
         found += pairwise(points)
     return tuple(found)
+
+
+MOST = 100 * 2**20
+"""The largest size of a map in bytes."""
+
+
+def geojson_cells(path: str | Path) -> dict[str, list[Point]]:
+    """{ name: corners } of the polygons of a GeoJSON file, named by their `name`, or id, or number.
+
+    Coordinates are metres in a plane. Raises `DefinitionError` for a file that cannot be read, is
+    not GeoJSON, or has anything but polygons without holes.
+    """
+    try:
+        data = json.loads(read_small_text(path, MOST))
+    except ScenarioError as error:
+        raise DefinitionError(error.cause, expected=error.expected) from None
+    except (ValueError, RecursionError):
+        raise DefinitionError(f"{path} is not a JSON file") from None
+    features = data.get("features") if isinstance(data, dict) else None
+    if not isinstance(features, list) or not features:
+        raise DefinitionError(
+            f"{path} is not a GeoJSON file of cells",
+            expected='{"type": "FeatureCollection", "features": [...]}',
+        )
+    found: dict[str, list[Point]] = {}
+    for number, feature in enumerate(features, start=1):
+        name, corners = _geojson_cell(feature, number, path)
+        if name in found:
+            raise DefinitionError(f"{path}: two cells are called '{name}'")
+        found[name] = corners
+    return found
+
+
+def _geojson_cell(feature: Any, number: int, path: str | Path) -> tuple[str, list[Point]]:
+    if not isinstance(feature, dict):
+        raise DefinitionError(f"{path}: feature {number} is {feature!r}")
+    about = feature.get("properties")
+    named = about.get("name") if isinstance(about, dict) else None
+    name = str(named or feature.get("id", f"cell_{number}"))
+    shape = feature.get("geometry")
+    shape = shape if isinstance(shape, dict) else {}
+    kind = shape.get("type")
+    rings = shape.get("coordinates") if kind == "Polygon" else None
+    if not isinstance(rings, list) or len(rings) != 1 or not isinstance(rings[0], list):
+        raise DefinitionError(
+            f"{path}: '{name}' is a {kind or 'feature without geometry'}",
+            expected="a Polygon without holes",
+        )
+    ring = rings[0]
+    if len(ring) > 1 and ring[0] == ring[-1]:
+        ring = ring[:-1]
+    return name, [tuple(c[:2]) if isinstance(c, list) else c for c in ring]
+
+
+ALMOST = 0.8
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A cell for the robots' centres, and its exit passage; None in the cell of the goal."""
+
+    cell: Cell
+    exit: Passage | None
+
+
+@dataclass(frozen=True)
+class Route:
+    """The legs in order; `goal` lies in the last."""
+
+    environment: Environment
+    legs: tuple[Leg, ...]
+    goal: Point
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(leg.cell.name for leg in self.legs)
+
+
+def plan_route(environment: Environment, start: Sequence[float], goal: Sequence[float]) -> Route:
+    """The shortest way over the cells, by the middles of the passages.
+
+    start, goal: (x, y) [m] of the centre of a robot. Raises `DefinitionError` if one of them is
+    outside the robots' free space, or if no way leads from one to the other.
+    """
+    places = [_place(environment, p, what) for p, what in ((start, "start"), (goal, "goal"))]
+    graph = nx.DiGraph()
+    # edges connect passages of one cell, weighted by length; a passage joins two cells
+    for (i, j), passage in environment.passages.items():
+        for (a, b), onwards in environment.passages.items():
+            if a == j and b != i:
+                far = math.dist(passage.middle, onwards.middle)
+                graph.add_edge((i, j), (a, b), length=far)
+        if i in places[0]:
+            graph.add_edge("start", (i, j), length=math.dist(start, passage.middle))
+        if j in places[1]:
+            graph.add_edge((i, j), "goal", length=math.dist(goal, passage.middle))
+    if places[0] & places[1]:
+        graph.add_edge("start", "goal", length=math.dist(start, goal))
+    try:
+        nodes = nx.shortest_path(graph, "start", "goal", weight="length")[1:-1]
+    except (nx.NetworkXNoPath, nx.NodeNotFound):
+        names = [environment.cells[min(p)].name for p in places]
+        why = f" ({'; '.join(environment.closed)})" if environment.closed else ""
+        raise DefinitionError(
+            f"no way leads from cell '{names[0]}' to cell '{names[1]}'{why}"
+        ) from None
+    last = nodes[-1][1] if nodes else min(places[0] & places[1])
+    legs = [_leg(environment.inner[i], environment.passages[i, j]) for i, j in nodes]
+    legs.append(Leg(environment.inner[last], None))
+    return Route(environment, tuple(legs), (float(goal[0]), float(goal[1])))
+
+
+def _leg(cell: Cell, exit: Passage) -> Leg:
+    """The cell, cut back to the passage if that is nearly all of its face.
+
+    The field then has to change its sense on a face only if the wall beside a door is long.
+    """
+    a, b = cell.side(exit.face)
+    if exit.width < ALMOST * math.dist(a, b):
+        return Leg(cell, exit)
+    ends = sorted((exit.a, exit.b), key=lambda end: math.dist(end, a))
+    corners = list(cell.corners)
+    corners[exit.face], corners[(exit.face + 1) % len(corners)] = ends
+    return Leg(Cell(cell.name, tuple(corners)), exit)
+
+
+def _place(environment: Environment, point: Sequence[float], what: str) -> set[int]:
+    found = environment.cells_at(point)
+    if found:
+        return found
+    if any(cell.contains(point) for cell in environment.cells):
+        raise DefinitionError(
+            f"at the {what} {shown(point)} a robot would touch a wall",
+            expected=f"at least {environment.robot_radius:g} m from all walls",
+        )
+    raise DefinitionError(f"the {what} {shown(point)} is outside the free space")

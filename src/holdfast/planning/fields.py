@@ -20,8 +20,7 @@ from holdfast.maths.formations.cell_field import (
     exit_field,
     goal_field,
 )
-from holdfast.planning.environment import CLOSE, shown
-from holdfast.planning.route import Leg, Route
+from holdfast.planning.environment import CLOSE, Leg, Route, shown
 
 X, Y = symbol("xL"), symbol("yL")
 

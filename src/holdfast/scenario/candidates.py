@@ -15,8 +15,8 @@ from holdfast.maths.definitions.law import GainCondition
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.build.law_chain import composed_law
+from holdfast.scenario.build.run import drawn_names
 from holdfast.scenario.build.system import composed_system
-from holdfast.scenario.build.varied import drawn_names
 from holdfast.scenario.files import overridden
 from holdfast.scenario.schema.closed_loop import ScenarioSpec
 from holdfast.scenario.validation import validated

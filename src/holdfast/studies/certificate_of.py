@@ -21,7 +21,7 @@ from holdfast.errors import OutputError, ScenarioError
 from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.expressions.plain_text import plain_text
+from holdfast.maths.expressions.traversal import plain_text
 from holdfast.scenario.certificate import check_goal, check_region
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.kinds.kernel import KernelScenario

@@ -19,7 +19,7 @@ from holdfast.maths.games.hamiltonian import hamiltonian
 from holdfast.maths.games.monotone_flux import is_sharp
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
-from holdfast.scenario.overrides import check_overrides
+from holdfast.scenario.load import check_overrides
 from holdfast.scenario.validation import at
 from holdfast.studies.scenario_parameter import CURRENT, Knob, check_number, find_knob
 

@@ -1,10 +1,17 @@
-"""A scenario as one page for a browser, in which it runs: `holdfast explore`."""
+"""A scenario as one page for a browser, in which it runs: `holdfast explore`.
+
+Of a start the vehicles are dragged whose places and headings are states. Numbers of closed loops
+can be changed, by their keys in the file; and the file that reproduces what the page shows is made
+of its tables, where there is one.
+"""
 
 from __future__ import annotations
 
 import base64
 import json
 import math
+import tomllib
+import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +20,7 @@ from typing import Any
 
 from holdfast.analysis.simulation.web_loop import WebLoop, web_loop
 from holdfast.arguments import checked
-from holdfast.errors import HoldfastError, ScenarioError
+from holdfast.errors import GainWarning, HoldfastError, ModelWarning, ScenarioError
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
@@ -22,18 +29,240 @@ from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.units import in_base_units
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.numeric import Expression
 from holdfast.maths.expressions.parser import parse_expression
-from holdfast.presentation.html.explorer import explorer_page
-from holdfast.scenario.files import read_tables
+from holdfast.presentation.html.page import explorer_page
+from holdfast.scenario.files import overridden, read_tables, read_text, scenario_names
+from holdfast.scenario.kernel_reference import DECISIVE
 from holdfast.scenario.kinds.closed_loop import Scenario
+from holdfast.scenario.kinds.formation import FormationScenario
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.kinds.parts import PartsScenario
-from holdfast.scenario.load import load_scenario, scenario_of
-from holdfast.studies.explored_copy import copied_kernel, copied_loop
-from holdfast.studies.explored_knobs import keys_of
-from holdfast.studies.explored_poses import poses
+from holdfast.scenario.load import load_scenario, scenario_of, substance
+
+
+def poses(system: System, plane: tuple[str, str]) -> list[dict[str, Any]]:
+    """The vehicles whose places are states: that of the plane, then others with names like it.
+
+    Of each the states of its place, and its heading, an angle whose name has the same end.
+    """
+    names, states = list(system.state_names), system.states
+    angles = [k for k, q in enumerate(states) if q.angle]
+    if any(states[names.index(n)].unit != "m" for n in plane):
+        angles = []
+    ends = [plane[0][1:]] if plane[0][:1] == "x" and plane[1] == f"y{plane[0][1:]}" else []
+    ends += [n[1:] for n in names if n[:1] == "x" and f"y{n[1:]}" in names and n not in plane]
+    if not ends:
+        first = angles[0] if angles else None
+        return [{"place": [names.index(n) for n in plane], "heading": first, "label": "start"}]
+
+    def heading(end: str) -> int | None:
+        own = [k for k in angles if names[k].endswith(end)]
+        return own[0] if own else None
+
+    return [
+        {
+            "place": [names.index(f"x{end}"), names.index(f"y{end}")], "heading": heading(end),
+            "label": end if len(ends) > 1 else "start",
+        }
+        for end in ends
+    ]  # fmt: skip
+
+
+OF_THE_KERNEL = ("system", "region", "goal", "law", "tracking", "disturbance")
+"""Tables of a kernel that its closed loops need too."""
+
+OPTIMAL = {"alone": True, "ahead": False}
+"""[safety] of the optimal inputs, as a page has them."""
+
+COURSE = (
+    "The course of a formation is planned from its start, for the vehicles of its file. No file "
+    "has the same course and another start, or other vehicles. Reset them to copy the scenario."
+)
+
+
+@dataclass(frozen=True)
+class Copy:
+    """tables: of a file, with paths as the scenario's own file has them; None with the reason.
+
+    fixed: why the start and the true vehicle have to be those of the file; empty if they need not.
+    """
+
+    tables: Mapping[str, Any] | None
+    reason: str = ""
+    fixed: str = ""
+
+
+def copied_loop(loaded: Scenario, scenario: str, changes: Sequence[str]) -> Copy:
+    """The tables of the file that one run needs."""
+    _, tables = _tables_of(scenario, changes)
+    kept = {name: table for name, table in tables.items() if name not in ("compare", "kernels")}
+    named = str(tables.get("safety", ""))
+    kernels = {n: k for n, k in tables.get("kernels", {}).items() if n in named}
+    kept |= {"kernels": kernels} if kernels else {}
+    return Copy(kept, fixed=COURSE if isinstance(loaded, FormationScenario) else "")
+
+
+def copied_kernel(
+    loaded: KernelScenario, scenario: str, changes: Sequence[str], settings: Settings
+) -> Copy:
+    """Closed loops with the kernel in [safety]: its optimal inputs, or a filter around its law."""
+    before, tables = _tables_of(scenario, changes)
+    name = scenario if scenario in scenario_names() else Path(scenario).name
+    inputs = dict.fromkeys(loaded.system.input_names, 0)
+    kept: dict[str, Any] = {
+        "scenario": {"title": loaded.title, "kind": "closed-loop", "source": loaded.source},
+        "law": {"outputs": inputs},
+        **{n: tables[n] for n in OF_THE_KERNEL if n in tables},
+        "safety": {"kernel": name, **({} if loaded.law is not None else OPTIMAL)},
+        "run": {
+            **{n: getattr(settings, n) for n in ("horizon", "sample_time", "record_every")},
+            "until_goal": settings.until_goal,
+        },
+    }
+    others = {n: tables[n] for n in DECISIVE if tables.get(n) != before.get(n) and n in tables}
+    if others:
+        kept["kernels"] = {name: others}
+    return Copy(kept) if (said := _refused(kept, scenario, name)) is None else Copy(None, said)
+
+
+def _refused(tables: Mapping[str, Any], scenario: str, name: str) -> str | None:
+    """Why no file can have these tables."""
+    starts = {"states": [{}], "start_outside": True}
+    here = {**tables, "starts": starts, "safety": {**tables["safety"], "kernel": scenario}}
+    if name in (kernels := tables.get("kernels", {})):
+        here["kernels"] = {scenario: kernels[name]}
+    try:
+        scenario_of(scenario, "", here)
+    except HoldfastError as error:
+        return f"No file of closed loops has this law: {error.cause}."
+    return None
+
+
+def _tables_of(scenario: str, changes: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The tables of the file, and those with the overrides."""
+    _, text = read_text(scenario)
+    before = tomllib.loads(text)
+    return before, overridden(text, before, changes)[1]
+
+
+TABLES = ("law", "system", "region", "goal", "tracking", "observer", "field")
+"""Tables whose numbers are parameters of the same name."""
+
+MEASURED = ("delay", "noise_uniform", "noise_normal")
+"""Settings of [run] and [noise] that a page can change."""
+
+VALUES, TRUTH, DISTURBANCE, DRAWS = "values", "truth", "disturbance", "draws"
+UNIFORM, NORMAL, DELAY = "uniform", "normal", "delay"
+
+Place = tuple[str, str]
+"""Of a number in a page: what it is a number of, and its name there."""
+
+Number = float | tuple[float, float]
+"""A draw is the range that it is drawn from."""
+
+
+def numbers_of(loaded: Scenario) -> dict[Place, Number]:
+    """All numbers of the closed loops that a page can change, in SI units."""
+    found: dict[Place, Number] = {(VALUES, n): v for n, v in _parameters(loaded).items()}
+    found |= {(TRUTH, n): float(v) for n, v in loaded.plant.items()}
+    for name in loaded.system.disturbance_names:
+        size = loaded.disturbance.get(name)
+        if size is None or size.is_Number:
+            found[DISTURBANCE, name] = 0.0 if size is None else float(size)
+    for kind in (UNIFORM, NORMAL):
+        sizes = loaded.settings[f"noise_{kind}"]
+        found |= {(kind, n): float(sizes.get(n, 0.0)) for n in loaded.system.state_names}
+    found[DELAY, ""] = float(loaded.settings["delay"])
+    found |= {(DRAWS, n): (low, high) for n, (low, high) in loaded.varied.draws.items()}
+    return found
+
+
+def rest_of(loaded: Scenario) -> object:
+    """What else the runs depend on: equal where one loop serves both scenarios."""
+    varied = replace(loaded.varied, draws=dict.fromkeys(loaded.varied.draws, (0.0, 1.0)))
+    written = {n: e for n, e in loaded.disturbance.items() if not e.is_Number}
+    own = (loaded.system, loaded.model, loaded.law, loaded.region, loaded.goal, written, varied)
+    settings = {k: v for k, v in loaded.settings.items() if k not in MEASURED}
+    safety = loaded.safety
+    kept = None
+    if safety is not None:  # the kernel is another one where it is computed for another vehicle
+        kept = (safety.kernel.name, safety.kernel.digest, repr(safety.spec), safety.tracking)
+    return substance(own), settings, loaded.starts, loaded.start_outside, kept
+
+
+def keys_of(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, str]:
+    """Parameter -> the key of its number, where another number changes that parameter alone.
+
+    All keys are tried at once, and each for itself where that changes more.
+    """
+    _, _, tables = read_tables(scenario, changes)
+    own, rest = numbers_of(loaded), rest_of(loaded)
+    runs = loaded.starts.count if loaded.independent_runs else None
+    keys = {}
+    for table in TABLES:
+        for name, key, value in _numbers_in(tables.get(table, {})):
+            if name not in keys and own.get((VALUES, name)) == value:
+                keys[name] = f"{table}.{key}"
+
+    def fits(names: Iterable[str]) -> bool:
+        others = {name: beside(_number(own[VALUES, name])) for name in names}
+        more = [f"{keys[n]}={v!r}" for n, v in others.items()]
+        other = composed_quietly(scenario, [*changes, *more], runs)
+        if not isinstance(other, Scenario) or rest_of(other) != rest:
+            return False
+        return numbers_of(other) == own | {(VALUES, n): v for n, v in others.items()}
+
+    return keys if fits(keys) else {n: k for n, k in keys.items() if fits([n])}
+
+
+def composed_quietly(
+    scenario: str, changes: Sequence[str], runs: int | None = None
+) -> Scenario | None:
+    """The closed loops with these overrides, without warnings; None where they are refused."""
+    try:
+        with warnings.catch_warnings():
+            for kind in (GainWarning, ModelWarning):
+                warnings.simplefilter("ignore", kind)
+            found = scenario_of(*read_tables(scenario, changes), runs)
+    except HoldfastError:
+        return None
+    return found if isinstance(found, Scenario) else None
+
+
+def beside(value: float) -> float:
+    """Another number, near the given one."""
+    return value * (1 - 2.0**-10) or 2.0**-10
+
+
+def _number(value: Number) -> float:
+    assert isinstance(value, float)
+    return value
+
+
+def _parameters(loaded: Scenario) -> dict[str, float]:
+    regions = [r for r in (loaded.region, loaded.goal) if r is not None]
+    groups = (p.parameters for p in (loaded.system, loaded.law, *regions))
+    return {p.name: float(p.value) for group in groups for p in group}
+
+
+def _numbers_in(table: Any) -> Iterator[tuple[str, str, float]]:
+    """The numbers of a table, and of its parameters, in SI units: name, key, value."""
+    own = table if isinstance(table, Mapping) else {}
+    named = [(name, name, value) for name, value in own.items()]
+    for name, value in own.get("parameters", {}).items():
+        told = isinstance(value, Mapping)
+        key = f"parameters.{name}" + (".value" if told else "")
+        named.append((name, key, value.get("value") if told else value))
+    for name, key, value in named:
+        if isinstance(value, int | float | str) and not isinstance(value, bool):
+            try:
+                yield name, key, in_base_units(value)
+            except HoldfastError:
+                continue
+
 
 MOST_BYTES = 10 * 2**20
 """A page with a larger table would be slow to open."""

@@ -23,15 +23,17 @@ from holdfast.maths.definitions.units import in_base_units
 from holdfast.scenario.files import read_tables, scenario_names
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import load_scenario
-from holdfast.studies.exploration import Explored, first_starts, of_loop
-from holdfast.studies.explored_knobs import (
+from holdfast.studies.exploration import (
     DELAY,
     DRAWS,
     VALUES,
+    Explored,
     Place,
     beside,
     composed_quietly,
+    first_starts,
     numbers_of,
+    of_loop,
     rest_of,
 )
 from holdfast.studies.sweep.sweep import ASKED, content_digest

@@ -15,20 +15,19 @@ import tomlkit
 
 from holdfast.analysis.identification.identified import Identified
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
-from holdfast.host.output import make_folder, write_summary, write_text
 from holdfast.host.reading import read_small_text
+from holdfast.host.writing import make_folder, write_summary, write_text
 from holdfast.maths.catalogue import systems
 from holdfast.maths.control.unmodelled import PREFIX
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.vehicle_file import read_vehicle, vehicle_names
 from holdfast.maths.expressions.parser import parse_expression
 from holdfast.scenario.build.system import REDUCTIONS
-from holdfast.scenario.edited import edited_text
+from holdfast.scenario.edited import Number, edited_text, numbered_vehicle
 from holdfast.scenario.files import load_system, read_tables, scenario_names
 from holdfast.scenario.kinds.kernel import KernelResult
 from holdfast.scenario.load import load_scenario
 from holdfast.scenario.resting import resting_places
-from holdfast.scenario.vehicle_text import Number, numbered_vehicle
 from holdfast.studies.disturbance_margin import disturbance_margin
 
 VEHICLE, SCENARIO = "vehicle.toml", "identified.toml"

@@ -13,11 +13,10 @@ from holdfast.analysis.certificates.largest import CertifiedTrial, LargestCertif
 from holdfast.analysis.reachability.solve import Answer, search
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError, suggestion
-from holdfast.host.output import make_folder, write_summary
+from holdfast.host.writing import make_folder, write_summary
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel
-from holdfast.scenario.load import load_scenario
-from holdfast.scenario.overrides import check_overrides
+from holdfast.scenario.load import check_overrides, load_scenario
 from holdfast.studies.certification import certified, check_kernel, clear, write_certificate
 from holdfast.studies.disturbance_margin import can_do_more
 from holdfast.studies.scenario_parameter import check_number, find_knob

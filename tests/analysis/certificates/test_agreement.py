@@ -8,7 +8,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.maths.expressions.functions import angle, greatest, least, length, magnitude
-from holdfast.maths.expressions.plain_text import plain_text
+from holdfast.maths.expressions.traversal import plain_text
 from holdfast_check.checker import check
 from holdfast_check.held import HeldFlow as Checked
 from holdfast_check.intervals import Expression, add, interval, point, sub

@@ -9,7 +9,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, GainWarning, SimulationError
-from holdfast.maths.control.held_conditions import longest_hold, usual_gains
+from holdfast.maths.control.safety_filter import longest_hold, usual_gains
 
 X, U = hf.symbol("x"), hf.symbol("u")
 PUSH = 10.0

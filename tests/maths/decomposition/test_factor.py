@@ -1,7 +1,7 @@
 """The smallest factor of a system that inequalities depend on."""
 
 import holdfast as hf
-from holdfast.maths.decomposition.factor import factor
+from holdfast.maths.decomposition.grouping import factor
 from holdfast.maths.expressions.functions import select
 from tests.parted_systems import Q, pair, plane, symbols, walls
 

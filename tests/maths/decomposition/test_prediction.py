@@ -6,7 +6,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.maths.decomposition.prediction import lags, predicted
-from holdfast.maths.definitions.lag import lagged
+from holdfast.maths.definitions.extension import lagged
 from tests.parted_systems import cart, late_cart, symbols
 
 

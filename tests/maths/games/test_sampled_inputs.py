@@ -119,7 +119,7 @@ def test_disturbance_that_multiplies_the_input_keeps_its_closed_form(samples):
     ],
 )
 def test_points_lie_in_the_set_and_reach_its_ends(bounds, samples, count):
-    from holdfast.maths.games.sampled_inputs import points_of
+    from holdfast.maths.games.hamiltonian import points_of
 
     members = [hf.symbol(f"m{i}") for i in range(bounds.dimension)]
     points = points_of(bounds, members, set(members), samples)

@@ -11,7 +11,7 @@ import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.definitions.flat_output import Antiderivative, FlatOutput
-from holdfast.maths.nonholonomic.lie_algebra import derived_flag
+from holdfast.maths.nonholonomic.chained_search import derived_flag
 from holdfast.maths.nonholonomic.null_space import kinematic_system
 from holdfast.maths.nonholonomic.structure import structure
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.maths.expressions.random_points import Sampler, measured, rank
-from holdfast.maths.nonholonomic.lie_algebra import growth
+from holdfast.maths.nonholonomic.chained_search import growth
 from holdfast.maths.nonholonomic.null_space import kinematic_system
 from holdfast.maths.nonholonomic.structure import structure
 

@@ -9,10 +9,8 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.maths.expressions.random_points import Sampler, rank, value_at
-from holdfast.maths.expressions.trigonometry import plain
-from holdfast.maths.nonholonomic.chained_search import find_chained_form
+from holdfast.maths.nonholonomic.chained_search import bracket, find_chained_form, growth, plain
 from holdfast.maths.nonholonomic.field_following import alignment
-from holdfast.maths.nonholonomic.lie_algebra import bracket, growth
 from holdfast.maths.nonholonomic.null_space import kinematic_system, signed_minors
 from holdfast.maths.nonholonomic.structure import structure
 from tests.conftest import number_at

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.presentation.figures.frame import frame_of
+from holdfast.presentation.figures.paths import frame_of
 
 
 def spokes(count=20):

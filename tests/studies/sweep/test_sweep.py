@@ -24,8 +24,8 @@ from holdfast.scenario.files import read_tables
 from holdfast.scenario.load import scenario_of
 from holdfast.studies.scenario_parameter import find_knob
 from holdfast.studies.sweep import sweep as module
-from holdfast.studies.sweep.axes import grid_cells, latin_cells, read_over
-from holdfast.studies.sweep.store import store
+from holdfast.studies.sweep.sweep import store
+from holdfast.studies.sweep.table import grid_cells, latin_cells, read_over
 from tests.command_line import holdfast
 from tests.scenario_files import DRIFTING, LINE
 
@@ -536,7 +536,7 @@ def test_figure_shows_what_was_gone_over(cart, here, over, latin, panels, tmp_pa
 
 MILLION = """
 import sys
-from holdfast.studies.sweep.cell import Part, run_part
+from holdfast.studies.sweep.sweep import Part, run_part
 from holdfast.execution.cache import code_digest
 from holdfast.scenario.files import read_tables
 

@@ -21,8 +21,7 @@ from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.quantity import TIME
-from holdfast.maths.expressions.plain_text import plain_text
-from holdfast.maths.expressions.traversal import exact
+from holdfast.maths.expressions.traversal import exact, plain_text
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])

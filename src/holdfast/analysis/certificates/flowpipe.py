@@ -33,8 +33,7 @@ from holdfast.maths.definitions.law_cases import LawCases, Option
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.plain_text import plain_text
-from holdfast.maths.expressions.traversal import exact, exchanged, symbols_of
+from holdfast.maths.expressions.traversal import exact, exchanged, plain_text, symbols_of
 
 MAGIC = "holdfast-flowpipe 1"
 DEGREES, TOLERANCE, PARTS = (3, 6), 1e-5, 64

@@ -25,8 +25,7 @@ from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.outward_rates import check_states
-from holdfast.maths.decomposition.alternatives import alternatives
-from holdfast.maths.decomposition.grouping import Group, Grouping, grouped
+from holdfast.maths.decomposition.grouping import Group, Grouping, alternatives, grouped
 from holdfast.maths.decomposition.prediction import Prediction, predicted
 from holdfast.maths.definitions.bounds import Box, product
 from holdfast.maths.definitions.quantity import Quantity, merge_parameters

@@ -30,7 +30,7 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import angle, length, magnitude, select, sgn, wrap
 from holdfast.maths.expressions.random_points import Sampler
 from holdfast.maths.expressions.traversal import derivatives, parts
-from holdfast.maths.games.sampled_inputs import dependences
+from holdfast.maths.games.hamiltonian import dependences
 
 Interval = tuple[float, float]
 

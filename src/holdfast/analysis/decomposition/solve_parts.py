@@ -16,7 +16,7 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.resources import Progress
-from holdfast.maths.games.sampled_inputs import without_closed_form
+from holdfast.maths.games.hamiltonian import without_closed_form
 
 
 @checked

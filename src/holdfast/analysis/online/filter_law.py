@@ -30,8 +30,7 @@ from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.command import commanded
 from holdfast.maths.control.parameter_box import parameter_box
 from holdfast.maths.control.prediction import Prediction
-from holdfast.maths.control.priority import in_order
-from holdfast.maths.control.safety_filter import Asked, asked_of, safeguard
+from holdfast.maths.control.safety_filter import Asked, asked_of, in_order, safeguard
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region

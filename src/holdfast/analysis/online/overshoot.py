@@ -1,7 +1,7 @@
 """What a region's filter misses between samples: how far hostile commands drive a constraint out.
 
 A condition is met at a sample, with an input that is held until the next, T later, and gains that T
-bears (`maths/control/held_conditions.py`). What remains is how the derivative of the condition
+bears (`maths/control/safety_filter.py`). What remains is how the derivative of the condition
 changes meanwhile. With d2c/dt2 <= M, or d3c/dt3 <= J, along the holds beside the limit
 
     c(i+1) <= (1 - k1 T) c(i) + M T^2 / 2                 c <= M T / (2 k1)               order one

@@ -24,7 +24,7 @@ from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import RK4
-from holdfast.maths.control.later_inputs import unused_inputs
+from holdfast.maths.control.barrier_conditions import unused_inputs
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region

@@ -87,8 +87,7 @@ from holdfast.execution.level_set.refined_march import RefinedMarch
 from holdfast.execution.working_room import Memory, Room
 from holdfast.host.writing import atomic_file, remove_left_over
 from holdfast.maths.definitions.system import System
-from holdfast.maths.games.hamiltonian import Hamiltonian, hamiltonian
-from holdfast.maths.games.symmetry import check_symmetry
+from holdfast.maths.games.hamiltonian import Hamiltonian, check_symmetry, hamiltonian
 
 SHOWN = 40
 """Characters up to which two texts that differ are shown."""

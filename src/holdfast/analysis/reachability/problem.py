@@ -60,16 +60,18 @@ class Marching:
     when the march has ended, so that a result that was not saved is not lost: remove it then.
 
     symmetry: state -> -1 for those that change sign in a reflection that leaves the problem as it
-    is; half of the grid is computed then. It is checked symbolically (`maths/symmetry.py`).
+    is; half of the grid is computed then. It is checked symbolically
+    (`maths/games/hamiltonian.py`).
 
     refine: cells so many times shorter near the boundary of the set: 1, 2, 4 or 8. The value is
     that of the finer grid at all of its nodes, of which only blocks around the boundary are
     marched (`posed_march.py`).
 
     samples: where the rates have no closed form in an input or a disturbance, the points along
-    every coordinate of its set that are looked at (`maths/sampled.py`); by default the system's.
+    every coordinate of its set that are looked at (`maths/games/hamiltonian.py`); by default the
+    system's.
 
-    estimate_error, check_outside: what the answer is worth, by further marches (`worth.py`).
+    estimate_error, check_outside: what the answer is worth, by further marches (`solve.py`).
 
     device: "cpu", or "gpu": the same definition as kernels of CUDA, by way of CuPy (an extra of
     this package); values differ from those of the processor by roundings. "c++" compiles the text

@@ -38,8 +38,7 @@ from holdfast.execution.sampled_game import numbers_of_motion
 from holdfast.execution.scalar import called
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.execution.table_in_parts import values_at
-from holdfast.maths.control.held_motion import HeldMotion, held_motion
-from holdfast.maths.control.prediction import prediction
+from holdfast.maths.control.prediction import HeldMotion, held_motion, prediction
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.lookup import Lookup, SampledLookup
 from holdfast.maths.definitions.system import System

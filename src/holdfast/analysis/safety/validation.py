@@ -58,7 +58,7 @@ from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.functions import clip
-from holdfast.maths.games.sampled_inputs import without_closed_form
+from holdfast.maths.games.hamiltonian import without_closed_form
 
 NO_DISTURBANCE = "no disturbance"
 ALL = "every disturbance tried"

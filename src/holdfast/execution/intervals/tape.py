@@ -29,7 +29,7 @@ from holdfast.execution.arithmetic.steps import FLOAT, Steps
 from holdfast.execution.intervals import enclosure
 from holdfast.execution.intervals.enclosure import FUNCTIONS, IntervalLowering
 from holdfast.execution.intervals.interval import Interval, chosen, hull, unknown_where
-from holdfast.maths.expressions.plain_text import plain_text
+from holdfast.maths.expressions.traversal import plain_text
 
 Known = Mapping[str, Interval]
 Row = list[Interval]

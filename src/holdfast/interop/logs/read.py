@@ -1,4 +1,7 @@
-"""A log of a vehicle from a file: which column is which state and input, and its repairs."""
+"""A log of a vehicle from a file: which column is which state and input, and its repairs.
+
+The faults of a signal are repaired and counted: what is no number, times out of order, spikes.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,191 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.analysis.identification.log import Log, Signal, period
+from holdfast.analysis.identification.log import Floats, Log, Signal, period
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
-from holdfast.interop.logs.recording import Recording
-from holdfast.interop.logs.repairs import repaired
-from holdfast.maths.definitions.lag import actuator_units
+from holdfast.interop.logs.recording import Column, Recording
+from holdfast.maths.definitions.extension import actuator_units
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import UnitError, convert
+
+SPIKE = 10.0
+"""Deviations by which a single value must be off to be left out."""
+
+DEVIATION = 1.4826
+"""Standard deviations of a normal distribution in the median of its absolute values."""
+
+FEW = 0.05
+"""The largest share of values that are left out as spikes; more of them are no spikes."""
+
+LATE = 5
+"""Values in a row, in order among themselves, that lie before an earlier one: a clock was set."""
+
+AROUND = 15
+"""Values to either side that say what is usual."""
+
+LEAST_RUNS, REGULAR = 20, 0.8
+"""Runs of equal values, and the part of them that is of one length, of a slower sensor."""
+
+STUCK = 50
+"""Equal values in a row that are worth a sentence, where the signal moves otherwise."""
+
+
+def repaired(
+    name: str, column: Column, factor: float, *, angle: bool, measured: bool
+) -> tuple[Signal, list[str]]:
+    """The signal of a column, and a sentence for each repair.
+
+    factor: to SI units. angle: jumps by a turn are taken out. measured: single values far off their
+    neighbours are left out (a command may jump). Raises `SimulationError` for fewer than two
+    values, for a column of which most is not numbers, for a clock that was set back, and for an
+    angle that seems to be in degrees.
+    """
+    told = [f"{name}: {fault}" for fault in column.faults]
+    time, value = column.time, column.value * factor
+    there = ~np.isnan(column.value)
+    finite = there & np.isfinite(value) & np.isfinite(time)
+    if lost := int((there & ~finite).sum()):
+        told.append(f"{name}: {lost} values without a number or a time left out")
+    if finite.sum() < 2:
+        raise SimulationError(f"the log has {int(finite.sum())} values of {name}", expected="many")
+    if finite.sum() < 0.5 * (there.sum() + column.unreadable):
+        raise SimulationError(f"most values of {name} are not finite numbers")
+    time, value = time[finite], value[finite]
+    _check_clock(name, time)
+    time, value = _in_order(name, time, value, told)
+    if len(time) < 2:
+        raise SimulationError(f"all values of {name} have one time", expected="times that differ")
+    if angle and factor == 1.0:
+        _check_degrees(name, value)
+    if measured:
+        time, value = _without_repeats(name, time, value, told)
+        time, value = _without_spikes(name, time, value, told, angle=angle)
+    if angle:
+        if not column.unit:
+            _say_degrees(name, value, told)
+        value = np.unwrap(value)
+    _say_stuck(name, time, value, told, measured)
+    return Signal(time, value), told
+
+
+def _check_clock(name: str, time: Floats) -> None:
+    """Refuse a clock that went back and on from there: sorted, two motions would be mixed."""
+    before = np.maximum.accumulate(time)[:-1]
+    follows = (time[1:] < before) & (np.diff(time) > 0)
+    ends = np.concatenate([[-1], np.flatnonzero(~follows), [len(follows)]])
+    runs = np.diff(ends) - 1
+    if runs.max() < LATE:
+        return
+    at = int(ends[int(np.argmax(runs >= LATE))])
+    raise SimulationError(
+        f"{name}: the clock goes back by {before[at] - time[at + 1]:.4g} s after "
+        f"{before[at] - time[0]:.4g} s and goes on from there: it was set, or two logs are joined",
+        remedy="cut the log into two files there",
+    )
+
+
+def _in_order(name: str, time: Floats, value: Floats, told: list[str]) -> tuple[Floats, Floats]:
+    back = int((np.diff(time) < 0).sum())
+    if back:
+        told.append(f"{name}: time goes back {back} times, sorted")
+        order = np.argsort(time, kind="stable")
+        time, value = time[order], value[order]
+    fresh = np.append(True, np.diff(time) > 0)
+    if twice := int((~fresh).sum()):
+        told.append(f"{name}: {twice} values at a time that another has left out")
+    return time[fresh], value[fresh]
+
+
+def _check_degrees(name: str, value: Floats) -> None:
+    """An angle that jumps by about 360 is not in radians."""
+    jumps = np.abs(np.diff(value))
+    if ((jumps > 350) & (jumps < 370)).any():
+        raise SimulationError(
+            f"{name} jumps by 360: it seems to be in degrees", remedy=f'say so: "{name} [deg]"'
+        )
+
+
+def _say_degrees(name: str, value: Floats, told: list[str]) -> None:
+    """Question an angle beyond a turn that never jumps by one: continuous radians, or degrees."""
+    largest = float(np.abs(value).max())
+    if largest > 7.0 and not (np.abs(np.diff(value)) > 5.5).any():
+        told.append(
+            f"{name} reaches {largest:.3g} without a jump by a turn and has no unit: taken as "
+            f'radians; if it is in degrees, say "{name} [deg]"'
+        )
+
+
+def _without_spikes(
+    name: str, time: Floats, value: Floats, told: list[str], *, angle: bool
+) -> tuple[Floats, Floats]:
+    """Without single values far from the line between their neighbours (a Hampel filter of it).
+
+    The neighbours are nearer to each other than to the value, unlike at a step, and move less among
+    themselves, unlike at a turning point.
+    """
+    if len(value) < 2 * AROUND + 3:
+        return time, value
+
+    def least(d: Floats) -> Floats:
+        return d - 2 * math.pi * np.round(d / (2 * math.pi)) if angle else d
+
+    moves = least(np.diff(value))
+    both = least(moves[:-1] + moves[1:])
+    share = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])
+    off = np.abs(least(moves[:-1] - share * both))
+    sizes = np.abs(moves)
+    beside = np.minimum(np.append(np.inf, sizes[:-2]), np.append(sizes[2:], np.inf))
+    resolution = sizes[sizes > 0].min(initial=np.inf)  # of a sensor that counts
+    least_off = np.maximum(
+        3 * beside, max(SPIKE * DEVIATION * np.median(off), 3 * resolution, 1e-6 * np.ptp(value))
+    )
+    peak = off >= np.maximum(np.append(off[1:], 0), np.append(0, off[:-1]))
+    spike = peak & (np.abs(both) < 0.5 * off) & (off > least_off)
+    windows = np.lib.stride_tricks.sliding_window_view(
+        np.pad(off, AROUND, "reflect"), 2 * AROUND + 1
+    )
+    spike[spike] = off[spike] > SPIKE * DEVIATION * np.median(windows[spike], axis=1)
+    found = int(spike.sum())
+    if found > FEW * len(value):
+        told.append(f"{name}: {found} single values far off are too many to be faults; kept")
+        return time, value
+    if found:
+        told.append(f"{name}: {found} single values far off left out")
+    kept = np.ones(len(value), dtype=bool)
+    kept[1:-1] = ~spike
+    return time[kept], value[kept]
+
+
+def _without_repeats(
+    name: str, time: Floats, value: Floats, told: list[str]
+) -> tuple[Floats, Floats]:
+    """The first of equal values of a sensor that is slower than its log, each held as long."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(value) != 0) + 1])
+    runs = np.diff(starts)
+    if len(runs) < LEAST_RUNS:
+        return time, value
+    usual = float(np.median(runs))
+    if usual < 2 or np.mean(np.abs(runs - usual) <= 1) < REGULAR:
+        return time, value
+    told.append(f"{name}: every value stands {usual:.0f} times, the first of each is kept")
+    return time[starts], value[starts]
+
+
+def _say_stuck(name: str, time: Floats, value: Floats, told: list[str], measured: bool) -> None:
+    """Say where a measured signal does not change for long, though it does elsewhere."""
+    if not measured or len(value) < 2:
+        return
+    changes = np.flatnonzero(np.diff(value) != 0)
+    ends = np.concatenate([[-1], changes, [len(value) - 1]])
+    runs = np.diff(ends)
+    longest = int(np.argmax(runs))
+    count = int(runs[longest])
+    if count > STUCK and count < 0.9 * len(value) and len(changes) > 0.2 * len(value):
+        begin = float(time[int(ends[longest]) + 1])
+        lasts = float(time[int(ends[longest + 1])]) - begin
+        told.append(f"{name}: does not change for {lasts:.3g} s from {begin:.3g} s on; kept")
+
 
 GAP = 5.0
 """Periods without a value that are a gap."""

@@ -1,4 +1,8 @@
-"""A safety filter as a MAVLink component between a controller and a vehicle."""
+"""A safety filter as a MAVLink component between a controller and a vehicle.
+
+It reads the states of a planar vehicle from the messages of its autopilot, and says of itself
+heartbeats, texts of interventions, and values.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,10 @@ import math
 import select
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 
-from holdfast.analysis.online.decision import DecisionRecord
+from holdfast.analysis.online.decision import DecisionRecord, Status
 from holdfast.analysis.online.relay import Relay
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
@@ -17,11 +21,156 @@ from holdfast.errors import SimulationError
 from holdfast.host.interruption import ended_by_signals
 from holdfast.interop.closing import Closing
 from holdfast.interop.mavlink.commands import Commands
-from holdfast.interop.mavlink.frames import Codec, Message, is_signed, is_v1
-from holdfast.interop.mavlink.measurements import Measurements
-from holdfast.interop.mavlink.said import Said, heartbeat
-from holdfast.interop.planar_motion import PlanarMotion
+from holdfast.interop.mavlink.frames import Codec, Message, dialect, is_signed, is_v1
+from holdfast.interop.planar_motion import Motion, PlanarMotion, Triple
 from holdfast.interop.udp import Port
+
+CHUNK = 50
+"""The length of a STATUSTEXT [bytes]; a longer text has several."""
+TEXTS, VALUES = 1.0, 0.2
+"""The least time between two texts of one severity, and between two values [s]."""
+SEVERITY = {
+    Status.CHANGED.value: dialect.MAV_SEVERITY_WARNING,
+    Status.PASSED.value: dialect.MAV_SEVERITY_INFO,
+}
+"""Of the statuses; all others promise nothing, and are errors."""
+
+
+class Said:
+    """STATUSTEXT and NAMED_VALUE_FLOAT of decisions, as often as a radio bears."""
+
+    def __init__(self) -> None:
+        self._texts: dict[int, float] = {}
+        self._valued = -math.inf
+        self._number = 0
+        self._kind = ""
+        self._began = math.nan
+
+    def of(self, record: DecisionRecord, now: float) -> Iterator[Message]:
+        """What is said of a decision at `now` [s]."""
+        if math.isnan(self._began):
+            self._began = now
+        kind = f"{record.lost}/{record.status}" if record.intervened else ""
+        if record.why and record.intervened:
+            severity = SEVERITY.get(record.status, dialect.MAV_SEVERITY_ERROR)
+            if record.lost:
+                severity = dialect.MAV_SEVERITY_ERROR
+            yield from self._text(f"holdfast: {record.why}", severity, now)
+        elif self._kind and not kind:
+            yield from self._text("holdfast: the command passes", dialect.MAV_SEVERITY_INFO, now)
+        self._kind = kind
+        if now - self._valued >= VALUES:
+            self._valued = now
+            boot = round(1000 * (now - self._began)) & 0xFFFFFFFF
+            for name, value in ((b"hf_value", record.value), (b"hf_slack", record.slack)):
+                yield dialect.MAVLink_named_value_float_message(boot, name, value)
+
+    def warning(self, text: str, now: float) -> Iterator[Message]:
+        """A text that is no decision's."""
+        yield from self._text(f"holdfast: {text}", dialect.MAV_SEVERITY_NOTICE, now)
+
+    def _text(self, text: str, severity: int, now: float) -> Iterator[Message]:
+        if now - self._texts.get(severity, -math.inf) < TEXTS:
+            return
+        self._texts[severity] = now
+        data = text.encode("ascii", errors="replace")
+        parts = [data[at : at + CHUNK] for at in range(0, len(data), CHUNK)]
+        self._number = self._number % 0xFFFF + 1
+        number = self._number if len(parts) > 1 else 0
+        if len(parts[-1]) == CHUNK and number:
+            parts.append(b"")  # the end is a chunk that is not full
+        for place, part in enumerate(parts):
+            yield dialect.MAVLink_statustext_message(severity, part, number, place)
+
+
+def heartbeat() -> Message:
+    """HEARTBEAT of an onboard computer."""
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+        dialect.MAV_AUTOPILOT_INVALID,
+        0,
+        0,
+        dialect.MAV_STATE_ACTIVE,
+        3,
+    )
+
+
+LOCAL_NED, BODY_FRD = 1, 12
+BACK = 1.0
+"""A time that fell by more [s] is that of a vehicle that started again."""
+
+
+class Measurements:
+    """The newest states, from LOCAL_POSITION_NED and ATTITUDE, or from ODOMETRY.
+
+    A message that is not newer than the last one of its kind is not taken, and counted in `stale`;
+    if it is older by more than a second the vehicle has started again, counted in `restarts`. An
+    ODOMETRY in other frames than MAV_FRAME_LOCAL_NED and MAV_FRAME_BODY_FRD is counted in `other`;
+    of its attitude the heading is taken, as of a level vehicle.
+    """
+
+    def __init__(self, planar: PlanarMotion) -> None:
+        self.planar = planar
+        self.stale = self.restarts = self.other = 0
+        self._times: dict[str, float] = {}
+        self._position: tuple[float, Triple, Triple] | None = None
+        self._attitude: tuple[float, Triple, Triple] | None = None
+
+    def take(self, message: Message, now: float) -> tuple[dict[str, float], float] | None:
+        """The states after a message received at `now` [s], and the time of their oldest part."""
+        kind = message.get_type()
+        if kind == "LOCAL_POSITION_NED":
+            if self._newer(kind, message.time_boot_ms * 1e-3):
+                position = (message.x, message.y, message.z)
+                self._position = now, position, (message.vx, message.vy, message.vz)
+                return self._both(message.time_boot_ms * 1e-3)
+        elif kind == "ATTITUDE":
+            if self._newer(kind, message.time_boot_ms * 1e-3):
+                turning = (message.rollspeed, message.pitchspeed, message.yawspeed)
+                self._attitude = now, (message.roll, message.pitch, message.yaw), turning
+                return self._both(message.time_boot_ms * 1e-3)
+        elif kind == "ODOMETRY":
+            return self._odometry(message, now)
+        return None
+
+    def _newer(self, kind: str, t: float) -> bool:
+        last = self._times.get(kind, -math.inf)
+        if t < last - BACK:
+            self.restarts += 1
+            self._times.clear()
+            self._position = self._attitude = None
+        elif t <= last:
+            self.stale += 1
+            return False
+        self._times[kind] = t
+        return True
+
+    def _both(self, t: float) -> tuple[dict[str, float], float] | None:
+        if self._position is None or self._attitude is None:
+            return None
+        (one, position, velocity), (two, attitude, gyro) = self._position, self._attitude
+        motion = Motion(t, position, velocity, attitude, gyro)
+        return self.planar.states(motion), min(one, two)
+
+    def _odometry(self, message: Message, now: float) -> tuple[dict[str, float], float] | None:
+        if (message.frame_id, message.child_frame_id) != (LOCAL_NED, BODY_FRD):
+            self.other += 1
+            return None
+        if not self._newer("ODOMETRY", message.time_usec * 1e-6):
+            return None
+        w, x, y, z = message.q
+        yaw = math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        velocity = (message.vx * cos - message.vy * sin, message.vx * sin + message.vy * cos, 0.0)
+        motion = Motion(
+            t=message.time_usec * 1e-6,
+            position=(message.x, message.y, message.z),
+            velocity=velocity,
+            attitude=(0.0, 0.0, yaw),
+            gyro=(0.0, 0.0, message.yawspeed),
+        )
+        return self.planar.states(motion), now
+
 
 AUTOPILOT = 1
 """MAV_COMP_ID_AUTOPILOT1: gimbals and cameras may send an ATTITUDE of their own."""

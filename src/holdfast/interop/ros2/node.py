@@ -1,22 +1,145 @@
-"""A node of ROS 2 over Zenoh: publishers and subscribers that the graph of rmw_zenoh shows."""
+"""A node of ROS 2 over Zenoh, and what rmw_zenoh puts on the wire: topics, tokens, attachments.
+
+The graph of rmw_zenoh shows its publishers and subscribers.
+
+The formats are those of the design document of rmw_zenoh for ROS 2 Jazzy and Kilted:
+
+    topic       DOMAIN/TOPIC/TYPE/HASH
+    node        @ros2_lv/DOMAIN/SESSION/NODE/NODE/NN/ENCLAVE/NAMESPACE/NAME
+    endpoint    @ros2_lv/DOMAIN/SESSION/NODE/ENTITY/KIND/ENCLAVE/NAMESPACE/NAME/TOPIC/TYPE/HASH/QOS
+    attachment  sequence number (int64), time since 1970 in ns (int64), 16 (uint8), GID (16 bytes)
+
+A message is CDR with its encapsulation header. In a token "%" stands for every "/" of a name.
+"""
 
 from __future__ import annotations
 
 import json
 import os
+import re
+import struct
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+import xxhash
 import zenoh
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, OutputError
 from holdfast.interop import ros_messages as messages
 from holdfast.interop.closing import Closing
-from holdfast.interop.ros2 import wire
+
+DEPTH = 10
+"""The number of messages that a publisher or subscriber keeps, in its token."""
+QOS = f"::,{DEPTH}:,:,:,,"
+"""Reliable, volatile, keep the last `DEPTH`; what is empty has the default value of rmw_zenoh."""
+
+_ATTACHMENT = struct.Struct("<qqB16s")
+_GID = 16
+_TOKEN = "[A-Za-z_][A-Za-z0-9_]*"
+_NODE = re.compile(rf"{_TOKEN}\Z")
+_NAMESPACE = re.compile(rf"/({_TOKEN}(/{_TOKEN})*)?\Z")
+_TOPIC = re.compile(rf"(~?/)?{_TOKEN}(/{_TOKEN})*\Z")
+DOMAINS = 232
+"""The largest domain that ROS 2 allows."""
+
+
+@checked
+@dataclass(frozen=True)
+class NodeName:
+    """A node of a domain: its name, and its namespace as "/" or "/robot_1".
+
+    Raises `DefinitionError` for names that ROS 2 does not allow, and for a domain outside 0 to 232.
+    """
+
+    name: str
+    namespace: str = "/"
+    domain: int = 0
+
+    def __post_init__(self) -> None:
+        if not _NODE.match(self.name) or "__" in self.name:
+            raise DefinitionError(f"'{self.name}' names no node", expected="a name as 'filter_1'")
+        if not _NAMESPACE.match(self.namespace) or "__" in self.namespace:
+            raise DefinitionError(
+                f"'{self.namespace}' is no namespace", expected="'/', or as '/robot_1'"
+            )
+        if not 0 <= self.domain <= DOMAINS:
+            raise DefinitionError(f"domain {self.domain}", expected=f"0 to {DOMAINS}")
+
+    def topic(self, name: str) -> str:
+        """The full name of a topic: "/a" is absolute, "~/a" below the node, "a" in the namespace.
+
+        Raises `DefinitionError` for a name that ROS 2 does not allow.
+        """
+        if not _TOPIC.match(name) or "__" in name:
+            raise DefinitionError(f"'{name}' names no topic", expected="a name as 'odometry'")
+        if name.startswith("/"):
+            return name
+        below = self.namespace.rstrip("/")
+        return f"{below}/{self.name}{name[1:]}" if name.startswith("~") else f"{below}/{name}"
+
+
+def dds_type(message: str) -> str:
+    """'nav_msgs/msg/Odometry' as 'nav_msgs::msg::dds_::Odometry_'."""
+    package, kind, name = message.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+def topic_key(domain: int, topic: str, message: str, digest: str) -> str:
+    """The key of the messages of a topic; `digest` is the RIHS01 hash of their type."""
+    return f"{domain}/{topic.strip('/')}/{dds_type(message)}/{digest}"
+
+
+def any_type_key(domain: int, topic: str) -> str:
+    """The keys of a topic whatever the type, so that another type is seen and refused."""
+    return f"{domain}/{topic.strip('/')}/*/*"
+
+
+def node_token(of: NodeName, session: str) -> str:
+    """The token by which the nodes of a domain know of a node."""
+    return f"@ros2_lv/{of.domain}/{session}/0/0/NN/%/{_mangled(of.namespace)}/{of.name}"
+
+
+def endpoint_token(
+    of: NodeName, session: str, entity: int, kind: str, topic: str, message: str, digest: str
+) -> str:
+    """The token of a publisher (kind "MP") or a subscriber ("MS"); `entity` counts them."""
+    node = f"@ros2_lv/{of.domain}/{session}/0/{entity}/{kind}/%/{_mangled(of.namespace)}/{of.name}"
+    return f"{node}/{_mangled(topic)}/{dds_type(message)}/{digest}/{QOS}"
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", "%")
+
+
+def gid(token: str) -> bytes:
+    """The identifier of an endpoint: XXH3 of its token, 128 bits, the low half first."""
+    return xxhash.xxh3_128_digest(token.encode())[::-1]
+
+
+class Attachment(NamedTuple):
+    """What goes with a message: its number, from 1; when it was sent [ns since 1970]; by whom."""
+
+    sequence: int
+    sent: int
+    gid: bytes
+
+    def encode(self) -> bytes:
+        return _ATTACHMENT.pack(self.sequence, self.sent, _GID, self.gid)
+
+    @staticmethod
+    def decode(data: bytes) -> Attachment:
+        """Raises `ValueError` for bytes that are none."""
+        if len(data) != _ATTACHMENT.size:
+            raise ValueError(f"an attachment of {len(data)} bytes instead of {_ATTACHMENT.size}")
+        sequence, sent, size, by = _ATTACHMENT.unpack(data)
+        if size != _GID:
+            raise ValueError(f"an identifier of {size} bytes instead of {_GID}")
+        return Attachment(sequence, sent, by)
+
 
 ROUTER = "tcp/localhost:7447"
 """Where the router of rmw_zenoh (`ros2 run rmw_zenoh_cpp rmw_zenohd`) listens."""
@@ -108,7 +231,7 @@ class Publisher:
     """Sends messages of one type on a topic, with their number and the time."""
 
     def __init__(self, session: Any, key: str, token: str) -> None:
-        self._gid, self._count = wire.gid(token), 0
+        self._gid, self._count = gid(token), 0
         self._session, self._key = session, key
         self._token = session.liveliness().declare_token(token)
         self._publisher = session.declare_publisher(key, express=True)
@@ -120,7 +243,7 @@ class Publisher:
         Raises `OutputError` where the session is closed.
         """
         self._count += 1
-        attachment = wire.Attachment(self._count, time.time_ns(), self._gid).encode()
+        attachment = Attachment(self._count, time.time_ns(), self._gid).encode()
         data = messages.encoded(message)
         try:
             if last:
@@ -172,11 +295,11 @@ class Subscription:
         key = str(sample.key_expr)
         if key != self._key:
             kind, digest = key.split("/")[-2:]
-            mine = wire.dds_type(self._kind)
+            mine = dds_type(self._kind)
             what = f"type {kind}" if kind != mine else f"another definition of {kind} ({digest})"
             raise messages.MessageError(f"a message of {what}"[:120], expected=self._kind)
         try:
-            wire.Attachment.decode(sample.attachment.to_bytes() if sample.attachment else b"")
+            Attachment.decode(sample.attachment.to_bytes() if sample.attachment else b"")
         except ValueError as error:
             raise messages.MessageError(f"a message of no node of ROS 2: {error}") from None
         return messages.decoded(sample.payload.to_bytes(), self._kind)
@@ -192,12 +315,12 @@ class Node(Closing):
     @checked
     def __init__(self, name: str, *, namespace: str = "/", network: Network | None = None) -> None:
         network = network or Network()
-        self.name = wire.NodeName(name, namespace, network.domain_id())
+        self.name = NodeName(name, namespace, network.domain_id())
         self._session = network.session()
         self._id, self._entities = str(self._session.zid()), 0
         self._graph: Any = None
         self._known: set[str] = set()
-        self._token = self._session.liveliness().declare_token(wire.node_token(self.name, self._id))
+        self._token = self._session.liveliness().declare_token(node_token(self.name, self._id))
 
     def publisher(self, topic: str, kind: str) -> Publisher:
         """A publisher of a standard type, as "nav_msgs/msg/Odometry".
@@ -205,20 +328,20 @@ class Node(Closing):
         Raises `DefinitionError` for a type that is none, and for a name that ROS 2 does not allow.
         """
         topic, digest = self.name.topic(topic), messages.digest(kind)
-        key = wire.topic_key(self.name.domain, topic, kind, digest)
+        key = topic_key(self.name.domain, topic, kind, digest)
         return Publisher(self._session, key, self._endpoint("MP", topic, kind, digest))
 
     def subscription(self, topic: str, kind: str) -> Subscription:
         """A subscriber to a standard type; see `publisher`."""
         topic, digest = self.name.topic(topic), messages.digest(kind)
-        key = wire.topic_key(self.name.domain, topic, kind, digest)
-        keys = wire.any_type_key(self.name.domain, topic)
+        key = topic_key(self.name.domain, topic, kind, digest)
+        keys = any_type_key(self.name.domain, topic)
         token = self._endpoint("MS", topic, kind, digest)
         return Subscription(self._session, keys, key, kind, token)
 
     def _endpoint(self, what: str, topic: str, kind: str, digest: str) -> str:
         self._entities += 1
-        return wire.endpoint_token(self.name, self._id, self._entities, what, topic, kind, digest)
+        return endpoint_token(self.name, self._id, self._entities, what, topic, kind, digest)
 
     def graph(self) -> Sequence[str]:
         """The tokens of the nodes, publishers and subscribers of the domain, this node's too.

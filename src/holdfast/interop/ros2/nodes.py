@@ -1,26 +1,134 @@
-"""Nodes of ROS 2: a safety filter, a simulated vehicle, a controller."""
+"""Nodes of ROS 2: a safety filter, a simulated vehicle, a controller.
+
+What a filter does is diagnostic_msgs/DiagnosticArray too. Samples follow a clock that only goes
+forward.
+"""
 
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
 from holdfast.analysis.online.controller import Plant
-from holdfast.analysis.online.decision import DecisionRecord
+from holdfast.analysis.online.decision import DecisionRecord, Status
 from holdfast.analysis.online.relay import Relay
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, OutputError
 from holdfast.host.interruption import ended_by_signals
 from holdfast.interop.closing import Closing
-from holdfast.interop.ros2.diagnostics import Diagnostics
-from holdfast.interop.ros2.loop import Loop
-from holdfast.interop.ros2.node import Network, Node, Subscription
-from holdfast.interop.ros2.wire import NodeName
-from holdfast.interop.ros_messages import ODOMETRY, Interface, MessageError, made
+from holdfast.interop.ros2.node import Network, Node, NodeName, Subscription
+from holdfast.interop.ros_messages import ODOMETRY, Interface, MessageError, header, made
+
+OK, WARN, ERROR, STALE = range(4)
+"""The levels of diagnostic_msgs/DiagnosticStatus."""
+EVERY = 0.5
+"""Seconds between two messages on what does not change."""
+
+_LEVELS = {Status.PASSED.value: OK, Status.CHANGED.value: WARN}
+
+
+class Diagnostics:
+    """Publishes on `/diagnostics` at every change of a status, and every `EVERY` seconds.
+
+    The level is OK where the command is passed, WARN where it is changed or lost or a message was
+    refused since, ERROR where nothing is promised, STALE when the node is closed.
+    """
+
+    def __init__(self, node: Node, hardware: str, topics: Mapping[str, Subscription]) -> None:
+        self._name, self._hardware, self._topics = node.name.name, hardware, topics
+        self._publisher = node.publisher("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+        self._said, self._due, self._refused, self._why = "", 0.0, 0, ""
+
+    def tell(self, record: DecisionRecord, now: float, stamp: int, skipped: int) -> None:
+        """A decision, at `now` [s]; stamp in ns since 1970."""
+        kind = f"{record.lost}/{record.status}"
+        self._why = record.why or (self._why if kind == self._said else "")
+        if kind == self._said and now < self._due:
+            return
+        self._said, self._due = kind, now + EVERY
+        refused = sum(t.refused for t in self._topics.values())
+        level = max(_LEVELS.get(record.status, ERROR), WARN if record.lost else OK)
+        if refused > self._refused:
+            level, self._refused = max(level, WARN), refused
+        values: dict[str, Any] = {
+            "status": record.status,
+            "lost": record.lost,
+            "value": record.value,
+            "slack": record.slack,
+            "why": self._why,
+            "gave way": ", ".join(record.gave_way),
+            **{f"command {n}": v for n, v in record.command.items()},
+            **{f"input {n}": v for n, v in record.input.items()},
+            "samples skipped": skipped,
+        }
+        for name, topic in self._topics.items():
+            values[f"{name} received"] = topic.received
+            values[f"{name} refused"] = topic.refused
+            values[f"{name} refused because"] = topic.why
+        self._send(level, self._why or record.status, values, stamp)
+
+    def farewell(self, stamp: int) -> None:
+        """That the node is closed."""
+        self._send(STALE, "closed; the last command was the fallback", {}, stamp, last=True)
+
+    def _send(
+        self, level: int, said: str, values: Mapping[str, Any], stamp: int, *, last: bool = False
+    ) -> None:
+        status = made(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=level,
+            name=f"{self._name}: decisions",
+            message=said,
+            hardware_id=self._hardware,
+            values=[
+                made("diagnostic_msgs/msg/KeyValue", key=key, value=_text(value))
+                for key, value in values.items()
+            ],
+        )
+        report = made(
+            "diagnostic_msgs/msg/DiagnosticArray", header=header(stamp, ""), status=[status]
+        )
+        self._publisher.send(report, last=last)
+
+
+def _text(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+class Loop:
+    """Calls `step(now)` every `sample_time` [s]; now is the monotonic clock [s].
+
+    skipped: the samples that passed while a step took longer. `stop` ends it after the sample.
+    """
+
+    def __init__(self, sample_time: float) -> None:
+        self.sample_time, self.skipped = sample_time, 0
+        self._ended = threading.Event()
+
+    def run(self, step: Callable[[float], object], seconds: float | None = None) -> None:
+        """Until `stop`, or for so many seconds."""
+        began = time.monotonic()
+        sample = 0
+        while not self._ended.is_set():
+            step(time.monotonic())
+            sample += 1
+            late = int((time.monotonic() - began) / self.sample_time) - sample
+            if late > 0:
+                self.skipped += late
+                sample += late
+            if seconds is not None and sample * self.sample_time >= seconds:
+                return
+            self._ended.wait(max(0.0, began + sample * self.sample_time - time.monotonic()))
+
+    def stop(self) -> None:
+        """End it; any thread may call this, and the handler of a signal."""
+        self._ended.set()
+
 
 TEXT = "std_msgs/msg/String"
 

@@ -27,7 +27,6 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.prediction import check_not_predicted
 from holdfast.maths.definitions.law import Law, Safeguard
-from holdfast.maths.definitions.memory import Memory, joined
 from holdfast.maths.definitions.quantity import (
     SAMPLE_TIME,
     TIME,
@@ -35,7 +34,7 @@ from holdfast.maths.definitions.quantity import (
     Quantity,
     symbol,
 )
-from holdfast.maths.definitions.switching import Switching, Transition, as_switching
+from holdfast.maths.definitions.switching import Memory, Switching, Transition, as_switching, joined
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import greatest, wrap
 

@@ -22,9 +22,14 @@ from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.safety_filter import Row, input_rows, input_scales, over_time
 from holdfast.maths.control.velocity_tracking import believed_disturbances
 from holdfast.maths.definitions.law import Law, Safeguard
-from holdfast.maths.definitions.memory import Memory, joined
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, Parameter, Quantity, symbol
-from holdfast.maths.definitions.switching import Switching, as_switching, check_outputs
+from holdfast.maths.definitions.switching import (
+    Memory,
+    Switching,
+    as_switching,
+    check_outputs,
+    joined,
+)
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.random_points import is_zero
 from holdfast.maths.expressions.traversal import derivatives, exchanged

@@ -19,8 +19,7 @@ from typing import TypeVar, cast
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.control.held_motion import held_motion
-from holdfast.maths.control.prediction import Prediction
+from holdfast.maths.control.prediction import Prediction, held_motion
 from holdfast.maths.control.safety_filter import check_fit, input_rows, input_scales, over_time
 from holdfast.maths.definitions.law import Foresight, Law, Safeguard
 from holdfast.maths.definitions.lookup import Lookup, SampledLookup

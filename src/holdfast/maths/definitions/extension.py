@@ -1,17 +1,25 @@
-"""Dynamic extension: inputs become states, and constraints on them constraints of the state."""
+"""Inputs that become states: dynamic extension, and actuators that act late.
+
+Constraints on such inputs become constraints of the state. An actuator has a lag of first order,
+and a limit on how fast it changes.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from numbers import Real
 
 import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.bounds import Bounds, Box, product, section
-from holdfast.maths.definitions.quantity import Quantity, symbol
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import clip
 
 
 @checked
@@ -109,3 +117,115 @@ def per_second(unit: str) -> str:
     if unit.endswith("/s"):
         return f"{unit}^2"
     return "1/s" if unit == "1" else f"{unit}/s"
+
+
+PREFIX = "actual_"
+LAG, SLEW = "_lag", "_slew"
+"""Endings of the parameters by which a system declares the lag and the slew of an actuator."""
+
+
+@checked
+def lagged(
+    system: System,
+    lag: Mapping[str, float] | None = None,
+    slew: Mapping[str, float] | None = None,
+) -> System:
+    """`system` whose actuators act through a lag: what is asked for comes later, and not faster.
+
+        qdot = f(q, a, d),   adot_i = (u_i - a_i) / T_i,   within [-R_i, R_i]
+
+    lag: input, or actuator such as a thruster -> T_i [s], above 0; slew: the same -> R_i [its unit
+    per second]. Without both, those that the system declares: parameters NAME_lag and NAME_slew.
+    a_i is the state actual_NAME, 0 at the start unless given. The inputs keep their names and
+    bounds, so that a law or a filter of `system` runs on the lagged system as it is; a law derived
+    from the lagged system itself would know the lag.
+
+    Of actuators, u_i is the share of actuator i in the inputs that the limited actuators produce
+    (`LinearImage.allocate`), and M a drives the system. With more actuators than inputs that share
+    is the least-squares one, so that at their limits only its sum is what they really give.
+
+    Raises `DefinitionError` for unknown names, inputs and actuators together, and numbers that are
+    not above 0.
+    """
+    own = lag is None
+    if lag is None:
+        if slew is not None:
+            raise DefinitionError("slew without a lag", expected="both, or neither")
+        lag, slew = declared(system, LAG), declared(system, SLEW)
+        if not lag:
+            raise DefinitionError(
+                f"system '{system.name}' declares no lag", expected="{input or actuator: seconds}"
+            )
+    slew = {} if slew is None else slew
+    units = actuator_units(system)
+    members = _members(system, [*lag, *slew])
+    for what, table in (("lag", lag), ("slew", slew)):
+        for name, value in table.items():
+            if isinstance(value, bool) or not (isinstance(value, Real) and 0 < value < math.inf):
+                raise DefinitionError(f"{what} of '{name}' is {value!r}", expected="above 0")
+    if not lag:
+        raise DefinitionError("lag is empty", expected="{input: seconds}")
+    if alone := [name for name in slew if name not in lag]:
+        raise DefinitionError(f"slew of '{alone[0]}' without its lag", expected="both")
+    constant = {n: symbol(n + LAG if own else f"lag_{n}") for n in lag}
+    fastest = {n: symbol(n + SLEW if own else f"slew_{n}") for n in slew}
+    parameters = [
+        Parameter(f"lag_{n}", "s", f"time constant of {n}", value=float(v), above=0)
+        for n, v in lag.items()
+    ] + [
+        Parameter(f"slew_{n}", per_second(units[n]), f"fastest {n}", value=float(v), above=0)
+        for n, v in slew.items()
+    ]
+    asked = [q.symbol for q in system.inputs]
+    acting = {n: symbol(PREFIX + n) for n in lag}
+    if members == system.actuators:
+        shares = dict(zip(members, system.allocated(asked), strict=True))
+        produced = system.produced([acting.get(n, shares[n]) for n in members])
+        actual = dict(zip(asked, produced, strict=True))
+    else:
+        shares = {n: symbol(n) for n in members}
+        actual = {symbol(n): a for n, a in acting.items()}
+    rates = {name: rate.xreplace(actual) for name, rate in system.rates.items()}
+    for name in lag:
+        change: sp.Expr = (shares[name] - acting[name]) / constant[name]
+        if name in slew:
+            change = clip(change, -fastest[name], fastest[name])
+        rates[PREFIX + name] = change
+    return replace(
+        system,
+        name=f"{system.name}, {' and '.join(lag)} late",
+        states=(
+            *system.states,
+            *(Quantity(PREFIX + n, units[n], f"{n} that acts") for n in lag),
+        ),
+        rates=rates,
+        parameters=system.parameters if own else (*system.parameters, *parameters),
+    )
+
+
+def declared(system: System, ending: str) -> dict[str, float]:
+    """Input or actuator -> the lag or the slew that the system declares for it."""
+    values = {p.name: p.value for p in system.parameters}
+    return {n: values[n + ending] for n in actuator_units(system) if n + ending in values}
+
+
+def actuator_units(system: System) -> dict[str, str]:
+    """Every input, and every actuator that produces them, with its unit."""
+    unit = system.inputs[0].unit if system.inputs else "1"
+    return {q.name: q.unit for q in system.inputs} | dict.fromkeys(system.actuators, unit)
+
+
+def _members(system: System, names: Sequence[str]) -> tuple[str, ...]:
+    """The inputs or the actuators, whichever the names are of."""
+    for name in names:
+        if name not in actuator_units(system):
+            raise DefinitionError(
+                f"'{name}' is not an input of system '{system.name}'",
+                remedy=suggestion(str(name), actuator_units(system)),
+            )
+    of_actuators = [name in system.actuators for name in names]
+    if any(of_actuators) and not all(of_actuators):
+        raise DefinitionError(
+            "lag of inputs and of the actuators that produce them", expected="one or the other"
+        )
+    return system.actuators if any(of_actuators) else system.input_names

@@ -1,6 +1,8 @@
 """Traversal of expressions with repeated subexpressions: each is visited once.
 
 SymPy's own methods walk the tree, whose size may be a thousand times that of the expression.
+
+As text an expression has names, whole numbers, operators and functions: nothing is rounded.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import sympy as sp
+from sympy.printing.str import StrPrinter
 
 from holdfast.maths.expressions.functions import RealFunction
 
@@ -88,3 +91,8 @@ def _by_chain(e: sp.Expr, s: sp.Symbol, slopes: Sequence[sp.Expr]) -> sp.Expr:
         growth = slopes[1] * sp.log(base) if slopes[1] != 0 else sp.S.Zero
         return e * (growth + slopes[0] * exponent / base)
     return e.slope(slopes) if isinstance(e, RealFunction) else e.fdiff(1) * slopes[0]
+
+
+def plain_text(e: sp.Expr) -> str:
+    """The text of an expression, which is read again without a loss."""
+    return str(StrPrinter().doprint(exact(e)))

@@ -4,8 +4,20 @@
 
 For rates that are affine in u and d the two separate, H = p . f0 + s_u(G'p) + s_d(D'p), where s
 is the support function of the set: sum of |.| for a box, the Euclidean norm for a ball, that of
-M' G'p for the image under M. Inputs without a closed form are sampled (`sampled_inputs.py`).
-Nothing here is specific to a system (thesis (7.3), (7.6), (7.7)).
+M' G'p for the image under M. Nothing here is specific to a system (thesis (7.3), (7.6), (7.7)).
+
+Inputs without a closed form are sampled:
+
+H = opt_i opp_j  p . f(t, q, u_i, d_j)   over the points u_i, d_j of the sets
+
+opt comes first: the disturbance answers the input. With max_i min_j that is the lower value,
+max min <= min max, which is guaranteed even against a disturbance that knows the input.
+
+A problem may be invariant under a reflection; half the grid then suffices:
+
+H(t, S q, S p) = H(t, q, p),   { c_j(S q) } = { c_j(q) },   S = diag(+-1)
+
+Then V(S q) = V(q). The inputs need no reflection: H is already optimal over them.
 """
 
 from __future__ import annotations
@@ -16,20 +28,97 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError
+from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.bounds import Bounds, section
 from holdfast.maths.definitions.quantity import Quantity, frozen
+from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.sets.base import WITHIN
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.functions import greatest, least, magnitude, select
-from holdfast.maths.games.sampled_inputs import (
-    Point,
-    check_count,
-    dependences,
-    in_the_way,
-    points_of,
-    without_closed_form,
-)
+from holdfast.maths.expressions.functions import greatest, least, magnitude, select, sgn, wrap
+
+MOST = 400
+"""Most pairs of an input point and a disturbance point; every node evaluates all of them."""
+
+Point = dict[sp.Symbol, sp.Expr]
+
+
+def dependences(system: System, symbol: sp.Symbol) -> list[set[sp.Symbol]]:
+    """The symbols in the derivative of every rate by `symbol`: none for a constant gain.
+
+    A rate that jumps in `symbol`, and so has no derivative there, depends on it.
+    """
+    found = []
+    for rate in system.rates.values():
+        jumps = any(e.has(symbol) for e in rate.atoms(sgn, wrap, select, sp.Piecewise))
+        found.append(rate.diff(symbol).free_symbols | ({symbol} if jumps else set()))
+    return found
+
+
+def in_the_way(system: System, symbol: sp.Symbol, sampled: set[sp.Symbol]) -> list[set[sp.Symbol]]:
+    """For every rate, the inputs and disturbances for which `symbol` has no closed form.
+
+    A disturbance has one at every sampled input. An input is chosen first, without
+    knowing the disturbance.
+    """
+    inputs = {q.symbol for q in system.inputs}
+    disturbances = {q.symbol for q in system.disturbances}
+    unknown = (inputs | disturbances) - sampled
+    if symbol in inputs:
+        unknown |= disturbances
+    return [found & unknown for found in dependences(system, symbol)]
+
+
+def without_closed_form(system: System) -> set[sp.Symbol]:
+    """The inputs and disturbances to sample so that all others have a closed form.
+
+    Members of a ball or an image go together. First those in which a rate is not affine; then the
+    inputs that mix with disturbances; then those that mix among the inputs, or the disturbances.
+    """
+    groups = [
+        group
+        for bounds, members in (
+            (system.input_bounds, system.inputs),
+            (system.disturbance_bounds, system.disturbances),
+        )
+        for group in _groups(bounds, [q.symbol for q in members])
+    ]
+    disturbances = {q.symbol for q in system.disturbances}
+    sampled: set[sp.Symbol] = set()
+    for among in ("itself", "the disturbances", "all"):
+        for group in groups:
+            found = set().union(*(e for s in group for e in in_the_way(system, s, sampled)))
+            if among == "itself":
+                found &= set(group)
+            elif among == "the disturbances":
+                found &= disturbances
+            if found:
+                sampled |= set(group)
+    return sampled
+
+
+def points_of(bounds: Bounds | None, members: Sequence[sp.Symbol], which: set[sp.Symbol],
+              samples: int) -> list[Point]:  # fmt: skip
+    """The points of the members in `which`; one point without coordinates if it is empty."""
+    part = section(bounds, [m in which for m in members])
+    if part is None:
+        return [{}]
+    names = [m for m in members if m in which]
+    return [dict(zip(names, point, strict=True)) for point in part.points(samples)]
+
+
+def check_count(inputs: int, disturbances: int) -> None:
+    if inputs * disturbances > MOST:
+        raise DefinitionError(
+            f"{inputs} points of the inputs times {disturbances} points of the disturbances "
+            f"make {inputs * disturbances} pairs",
+            expected=f"at most {MOST}",
+            remedy="take fewer samples",
+        )
+
+
+def _groups(bounds: Bounds | None, members: Sequence[sp.Symbol]) -> list[Sequence[sp.Symbol]]:
+    """The members of a set that can be chosen independently."""
+    return [members] if bounds is None else bounds.groups(members)
 
 
 @dataclass(frozen=True)
@@ -64,12 +153,12 @@ def hamiltonian(
 ) -> Hamiltonian:
     """The Hamiltonian of `system` within its bounds; each player a "max" or a "min".
 
-    samples: the points per coordinate that replace the set of an input without a closed form
-    (`sampled_inputs.py`); the others keep their closed form. By default `system.samples`.
+     samples: the points per coordinate that replace the set of an input without a closed form
+    ; the others keep their closed form. By default `system.samples`.
 
-    Raises `DefinitionError` for an input or a disturbance that is unbounded; without samples, for
-    rates that are not affine in them, or that multiply one by another; and for samples where a
-    closed form exists, or more points than `sampled_inputs.MOST`.
+     Raises `DefinitionError` for an input or a disturbance that is unbounded; without samples, for
+     rates that are not affine in them, or that multiply one by another; and for samples where a
+     closed form exists, or more points than `sampled_inputs.MOST`.
     """
     for what, side in (("inputs", inputs), ("disturbances", disturbances)):
         if side not in ("max", "min"):
@@ -324,3 +413,55 @@ class Player:
         if self.bounds is None:
             return ([sp.S.Zero] * gain.rows,) * 4
         return self.bounds.reach(gain, p, spread, self.sign)
+
+
+def check_symmetry(h: Hamiltonian, regions: Sequence[Region], signs: Mapping[str, int]) -> None:
+    """Refuse a reflection (state -> -1, or 1) whose invariance cannot be shown.
+
+    Raises `DefinitionError` that names the rate, the inequality or the players that change.
+    """
+    system = h.system
+    if h.samples:
+        raise DefinitionError(
+            f"a symmetry of system '{system.name}' with {h.samples} samples cannot be shown",
+            remedy="leave out the symmetry",
+        )
+    for name, sign in signs.items():
+        if name not in system.state_names:
+            raise DefinitionError(
+                f"symmetry of '{name}', which is not a state",
+                remedy=suggestion(name, system.state_names),
+            )
+        if isinstance(sign, bool) or sign not in (-1, 1):
+            raise DefinitionError(f"symmetry of '{name}' is {sign!r}", expected="-1 or 1")
+    if -1 not in signs.values():
+        raise DefinitionError("the symmetry reflects no state", expected="-1 for one at least")
+    of = [signs.get(n, 1) for n in system.state_names]
+    states = {q.symbol: s * q.symbol for q, s in zip(system.states, of, strict=True)}
+    costates = {p: s * p for p, s in zip(h.costates, of, strict=True)}
+    still = {q.symbol: sp.S.Zero for q in (*system.inputs, *system.disturbances)}
+    drift = [r.xreplace(still) for r in system.rates.values()]
+    for name, sign, rate in zip(system.state_names, of, drift, strict=True):
+        if not _same(rate.xreplace(states), sign * rate):
+            raise _broken(f"the rate of '{name}'")
+    steered = h.value - sum((p * f for p, f in zip(h.costates, drift, strict=True)), sp.S.Zero)
+    if not _same(steered.xreplace(states | costates), steered):
+        raise _broken("the effect of inputs and disturbances")
+    for region in regions:
+        every = [c.expression for c in region.inequalities]
+        for c in region.inequalities:
+            if not _same(c.expression.xreplace(states), *every):
+                raise _broken(f"inequality '{c.name}' of region '{region.name}'")
+
+
+def _broken(what: str) -> DefinitionError:
+    return DefinitionError(
+        f"{what} is not the same after the reflection, or it cannot be shown",
+        remedy="reflect the states that belong together, or leave the symmetry out",
+    )
+
+
+def _same(one: sp.Expr, *others: sp.Expr) -> bool:
+    """Whether it equals one of the others."""
+    gaps = [sp.expand(sp.expand(one) - sp.expand(other)) for other in others]
+    return any(gap == 0 for gap in gaps) or any(sp.simplify(gap) == 0 for gap in gaps)

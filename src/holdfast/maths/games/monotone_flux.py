@@ -31,8 +31,7 @@ import sympy as sp
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import Bounds, section
 from holdfast.maths.expressions.functions import greatest, least, magnitude
-from holdfast.maths.games.hamiltonian import Game, Hamiltonian, Player, game_of, of_all
-from holdfast.maths.games.sampled_inputs import Point
+from holdfast.maths.games.hamiltonian import Game, Hamiltonian, Player, Point, game_of, of_all
 
 MOST_PAIRS = 16
 """Most pairs of points of both sets that are compared at a sampled point, on axes that go

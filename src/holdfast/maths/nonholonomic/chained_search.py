@@ -1,28 +1,202 @@
-"""Search for chained coordinates: z1 and zn among the states, the others by differentiation.
+"""Nonholonomy, and a search for chained coordinates: z1 and zn are states, the others derivatives.
 
-    z_(j-1) = L_g1 z_j / L_g1 z1,   j = n ... 3,   while L_g2 z_j = 0;   L_g2 z1 = 0
+Whether a system is nonholonomic the growth of the Lie algebra of the allowed motions says.
+
+z_(j-1) = L_g1 z_j / L_g1 z1,   j = n ... 3,   while L_g2 z_j = 0;   L_g2 z1 = 0
 
 with g1, g2 a basis of the motions. Then z1' = v1, z2' = v2, zj' = z(j-1) v1 for the inputs
 v1 = L_g1 z1 u1 and v2 = L_g1 z2 u1 + L_g2 z2 u2, and the exact linear closed loop of
-`chained` applies. Only states are tried as ends: combinations of states, and coordinates that
-solve partial differential equations, are not, unless the system declares them (`FlatOutput`).
+`chained_feedback.py` applies. Only states are tried as ends: combinations of states, and
+coordinates that solve partial differential equations, are not, unless the system declares them
+(`FlatOutput`).
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import mpmath
 import sympy as sp
 
 from holdfast.maths.definitions.flat_output import Antiderivative, FlatOutput
-from holdfast.maths.expressions.random_points import Sampler, value_at
-from holdfast.maths.expressions.trigonometry import plain
-from holdfast.maths.nonholonomic.lie_algebra import derived_flag
+from holdfast.maths.expressions.random_points import Bounded, Sampler, rank, value_at
 from holdfast.maths.nonholonomic.structure import Structure
+
+
+def plain(expression: sp.Expr) -> sp.Expr:
+    """Light simplification in bounded time: sin / cos to tan, tan^2 + 1 to 1 / cos^2."""
+    swaps: dict[sp.Expr, sp.Expr] = {}
+    for a in {f.args[0] for f in expression.atoms(sp.tan)}:
+        swaps |= {sp.tan(a) ** 2 + 1: sp.cos(a) ** -2, -(sp.tan(a) ** 2) - 1: -(sp.cos(a) ** -2)}
+    return sp.powsimp(expression.xreplace(swaps).replace(sp.Mul, _tangents))
+
+
+def _tangents(*factors: sp.Expr) -> sp.Expr:
+    product = sp.Mul(*factors)
+    powers = product.as_powers_dict()
+    for base in [b for b in powers if isinstance(b, sp.sin)]:
+        inner, up = base.args[0], powers[base]
+        down = sp.sympify(powers.get(sp.cos(inner), 0))
+        if up == 1 and down.is_number and down < 0:
+            product = product / sp.sin(inner) * sp.cos(inner) * sp.tan(inner)
+    return product
+
+
+@dataclass(frozen=True)
+class Growth:
+    """The dimension of span{g_i, [g_i, g_j], ...} by the order of the brackets.
+
+    vector: the dimensions at a generic point, order by order, until they no longer grow.
+    origin: the dimension found at the origin, at least. brackets: (name, field) of the new
+    directions.
+    integrable: how many of the constraints can be integrated (0: completely nonholonomic).
+    integrable_rows: the numbers, from 1, of rows that are integrable each on its own.
+    """
+
+    vector: tuple[int, ...]
+    origin: int
+    brackets: tuple[tuple[str, sp.ImmutableMatrix], ...]
+    integrable: int
+    integrable_rows: tuple[int, ...]
+
+
+def bracket(f: sp.Matrix, g: sp.Matrix, symbols: Sequence[sp.Symbol]) -> sp.Matrix:
+    """The Lie bracket [f, g] = (dg/dq) f - (df/dq) g."""
+    g, f = sp.Matrix(g), sp.Matrix(f)
+    return g.jacobian(symbols) * f - f.jacobian(symbols) * g
+
+
+def growth(found: Structure) -> Growth:
+    """The growth of the Lie algebra of the motions that A q' = 0 allows (Frobenius, Chow).
+
+    The distribution ker A is involutive, hence A integrable, exactly when the first brackets
+    add nothing; kappa - integrable constraints are nonholonomic.
+    """
+    symbols, sampler = found.symbols, found.sampler()
+    n = len(symbols)
+    names = [f"g_{name}" for name in found.direction_names]
+    kept = [(name, sp.Matrix(g)) for name, g in zip(names, found.directions, strict=True)]
+    entries = [e for _, g in kept for e in g]
+    place = sampler.generic_point(symbols, entries, "the motion that the constraint allows")
+    generic, origin = _Span(sampler, place), _Span(sampler, sampler.origin(symbols))
+    for _, g in kept:
+        generic.take(g)
+        origin.take(g)
+    vector, new, brackets = [generic.rank], kept, []
+    for order in range(2, n + _FURTHER + 1):
+        fresh, shown = [], []
+        for (left, f), (right, g) in _pairs(kept, new, first=order == 2)[:_MOST]:
+            made = bracket(f, g, symbols).applyfunc(plain)
+            if any(e != 0 for e in made):
+                named = (f"[{left}, {right}]", made)
+                fresh.append(named)
+                grows = generic.take(made)
+                if origin.take(made) or grows:
+                    shown.append(named)
+                if generic.rank == origin.rank == n:
+                    break
+        brackets += shown
+        if generic.rank > vector[-1]:
+            vector.append(generic.rank)
+        elif origin.rank == generic.rank or not fresh:
+            break
+        if generic.rank == n:
+            if origin.rank == n:
+                break
+            new = fresh
+        else:
+            new = [named for named in fresh if named in shown] or fresh
+    return Growth(
+        vector=tuple(vector),
+        origin=origin.rank,
+        brackets=tuple((name, sp.ImmutableMatrix(g)) for name, g in brackets),
+        integrable=n - generic.rank,
+        integrable_rows=tuple(
+            i + 1 for i in range(found.matrix.rows) if _row_integrable(found, i, sampler)
+        ),
+    )
+
+
+def derived_flag(found: Structure) -> tuple[int, ...]:
+    """The dimensions at a generic point of E_0 = span{g_i}, E_(k+1) = E_k + [E_k, E_k].
+
+    Until they no longer grow. Brackets of all fields count, those of `growth` with a g_i alone: a
+    system with two inputs and without drift is flat, and has chained coordinates, exactly where
+    they are 2, 3, 4, ..., n (P. Martin, P. Rouchon, Feedback linearization and driftless systems,
+    Mathematics of Control, Signals, and Systems 7, 1994).
+    """
+    symbols, sampler = found.symbols, found.sampler()
+    kept = [sp.Matrix(g) for g in found.directions]
+    entries = [e for g in kept for e in g]
+    place = sampler.generic_point(symbols, entries, "the motion that the constraint allows")
+    span = _Span(sampler, place)
+    kept = [g for g in kept if span.take(g)]
+    dimensions, known = [span.rank], 0
+    while span.rank < len(symbols):
+        fresh = []
+        for i, f in enumerate(kept):
+            for g in kept[max(known, i + 1) :]:
+                made = bracket(f, g, symbols).applyfunc(plain)
+                if span.take(made):
+                    fresh.append(made)
+        if not fresh:
+            break
+        known, kept = len(kept), kept + fresh
+        dimensions.append(span.rank)
+    return tuple(dimensions)
+
+
+_FURTHER = 1
+"""Bracket orders beyond n that are tried for the dimension at the origin."""
+
+_MOST = 60
+"""Brackets of one order."""
+
+
+class _Span:
+    """The span of vector fields at one point."""
+
+    def __init__(self, sampler: Sampler, at: dict[sp.Symbol, sp.Expr]) -> None:
+        self.sampler, self.at, self.rank = sampler, at, 0
+        self.rows: list[list[Bounded]] = []
+
+    def take(self, vector: sp.Matrix) -> bool:
+        """Whether the vector is a new direction; then it is kept."""
+        row = self.sampler.row(vector, self.at)
+        if row is None:
+            return False
+        grown = rank([*self.rows, row])
+        if grown == self.rank:
+            return False
+        self.rows.append(row)
+        self.rank = grown
+        return True
+
+
+Named = tuple[str, sp.Matrix]
+
+
+def _pairs(kept: list[Named], new: list[Named], *, first: bool) -> list[tuple[Named, Named]]:
+    if first:
+        return list(combinations(kept, 2))
+    return [(g, h) for g in kept for h in new]
+
+
+def _row_integrable(found: Structure, number: int, sampler: Sampler) -> bool:
+    """Frobenius for one row a: a ^ da = 0."""
+    a, q = found.matrix.row(number), found.symbols
+    return all(
+        sampler.vanishes(
+            a[i] * (a[k].diff(q[j]) - a[j].diff(q[k]))
+            + a[j] * (a[i].diff(q[k]) - a[k].diff(q[i]))
+            + a[k] * (a[j].diff(q[i]) - a[i].diff(q[j]))
+        )
+        for i, j, k in combinations(range(len(q)), 3)
+    )
+
 
 _LARGEST = 20_000
 """Most operations in one expression; a pair of coordinates beyond it is abandoned."""

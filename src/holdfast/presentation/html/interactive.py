@@ -21,8 +21,7 @@ from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.planning.polylines import kept_points
 from holdfast.presentation.figures import level_sets, style
 from holdfast.presentation.figures.formation import Ground, robots_of
-from holdfast.presentation.figures.frame import Frame, frame_of
-from holdfast.presentation.figures.paths import target_ends
+from holdfast.presentation.figures.paths import Frame, frame_of, target_ends
 from holdfast.presentation.figures.surface import BODY, DARK, brightness, zero_surface
 
 MOST_RUNS, OF_EACH = 40, 3

@@ -1,8 +1,13 @@
-"""Self-contained pages: scripts and pictures are embedded, and no network is used."""
+"""Self-contained pages: scripts and pictures are embedded, and no network is used.
+
+In one of them a scenario runs: it has its data, and the scripts that draw it.
+"""
 
 from __future__ import annotations
 
 import base64
+import json
+from collections.abc import Mapping
 from importlib import resources
 from io import BytesIO
 from pathlib import Path
@@ -11,6 +16,10 @@ from typing import Any
 import jinja2
 from PIL import Image
 from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
+
+from holdfast._version import __version__
+from holdfast.execution.simulation.outcomes import OUTCOMES, Outcome
+from holdfast.presentation.figures import style
 
 WIDTH, QUALITY = 1100, 82
 """Width in pixels of a picture on a page, and its quality."""
@@ -35,3 +44,51 @@ def picture(path: Path) -> str:
         kept = BytesIO()
         image.convert("RGB").save(kept, "WEBP", quality=QUALITY)
     return "data:image/webp;base64," + base64.b64encode(kept.getvalue()).decode("ascii")
+
+
+SCRIPTS = (
+    "svg",
+    "plane",
+    "strips",
+    "controls",
+    "runs",
+    "slices",
+    "copies",
+    "axes",
+    "drag",
+    "sweep",
+    "app",
+)
+"""The scripts of the page in the order in which they stand in it; `sweep` where there is one."""
+
+
+def explorer_page(data: Mapping[str, Any]) -> str:
+    """The page as one text of HTML, without a request to anything else."""
+    folder = resources.files(__package__) / "explorer"
+    named = [name for name in SCRIPTS if name != "sweep" or data["sweep"] is not None]
+
+    def script(name: str) -> str:
+        return (folder / f"{name}.js").read_text("utf-8")
+
+    look = {
+        "outcomes": {OUTCOMES[o]: style.OUTCOMES[o] for o in Outcome},
+        "modes": style.MODES, "lines": style.LINES, "version": __version__,
+    }  # fmt: skip
+    return rendered(
+        "explorer",
+        title=data["title"],
+        source=data["source"],
+        note=data["note"],
+        moved="start" if data["slices"] is None else "state",
+        uncopied=data["uncopied"],
+        css=(folder / "page.css").read_text("utf-8"),
+        data=_embedded({**data, "look": look}),
+        swept=data["sweep"] is not None,
+        loop=script("loop"),  # runs in workers too
+        scripts="\n".join(script(name) for name in named),
+    )
+
+
+def _embedded(data: Mapping[str, Any]) -> str:
+    """JSON that may stand in a script element."""
+    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")

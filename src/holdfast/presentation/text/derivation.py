@@ -19,9 +19,8 @@ from holdfast.maths.nonholonomic.chained_feedback import (
     closed_loop_matrix,
     gains_for_poles,
 )
-from holdfast.maths.nonholonomic.chained_search import ChainedForm, Search
+from holdfast.maths.nonholonomic.chained_search import ChainedForm, Growth, Search
 from holdfast.maths.nonholonomic.field_following import Alignment, own_inputs
-from holdfast.maths.nonholonomic.lie_algebra import Growth
 from holdfast.maths.nonholonomic.structure import Structure, inputs_at_rest, relative_degrees
 
 

@@ -1,42 +1,209 @@
-"""Tables of a scenario file to systems, laws and regions: a catalogue entry, or expressions."""
+"""Tables of a scenario file to systems, laws and regions: a catalogue entry, or expressions.
+
+A catalogue entry takes the values of the table that names it. A system written by expressions may
+have a flat output (z1, zn); a region has polygons, amounts of its inequalities that count as 1, and
+shapes that figures draw.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
 import sympy as sp
 
-from holdfast.errors import ScenarioError, suggestion
+from holdfast.errors import DefinitionError, ScenarioError, suggestion
 from holdfast.maths.catalogue import laws, regions, systems
-from holdfast.maths.catalogue.signature import wants_law
+from holdfast.maths.catalogue.signature import (
+    accepted_parameters,
+    arguments,
+    leading_argument,
+    wants_law,
+)
+from holdfast.maths.catalogue.vehicles import of_vehicle
+from holdfast.maths.definitions import scene
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.extension import both
+from holdfast.maths.definitions.flat_output import FlatOutput
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.measurement import Measurement
 from holdfast.maths.definitions.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import PfaffianRow, System
-from holdfast.maths.definitions.units import check_unit, to_si
+from holdfast.maths.definitions.units import check_unit, in_base_units, to_si
 from holdfast.maths.expressions.parser import parse_condition, parse_expression
 from holdfast.maths.nonholonomic.null_space import kinematic_system
-from holdfast.scenario.build.entries import catalogue_entry
-from holdfast.scenario.build.flat_output import flat_output
-from holdfast.scenario.build.region import obstacle_region, scaled_region, without_obstacles
-from holdfast.scenario.build.scene import composed_shape
 from holdfast.scenario.schema.closed_loop import (
     BoundedSpec,
     InequalitySpec,
     LawSpec,
+    ObstaclesSpec,
     OutputsSpec,
     RegionSpec,
+    ShapeSpec,
     SystemSpec,
 )
-from holdfast.scenario.schema.values import ParameterSpec
+from holdfast.scenario.schema.values import FlatOutputSpec, ParameterSpec
 from holdfast.scenario.validation import at, validated
+
+
+def catalogue_entry(
+    file: str,
+    known: Mapping[str, Parameter],
+    catalogue: Sequence[Callable[..., Any]],
+    table: Mapping[str, Any],
+    key: str,
+    system: System | None,
+    leading: Sequence[object] | None = None,
+) -> Any:
+    """The catalogue entry that the table names, built with the table's parameters.
+
+    Arguments that are not numbers (a vehicle, a dimension, a list of poles) are passed as they
+    are. A parameter `known` from elsewhere keeps its value unless given. `leading` holds what the
+    entry is built on, by default the system if it takes one. Raises `ScenarioError`.
+    """
+    by_name = {function.__name__: function for function in catalogue}
+    name = table["name"]
+    if not isinstance(name, str) or name not in by_name:
+        raise ScenarioError(
+            f"{file}: {key}.name: unknown name {name!r}",
+            remedy=suggestion(str(name), by_name),
+        )
+    function = by_name[name]
+    given = {k: v for k, v in table.items() if k != "name"}
+    if leading is None:
+        leading = (system,) if leading_argument(function) == "system" else ()
+    structural, numeric = arguments(function, len(leading))
+    structure = {k: given.pop(k) for k in structural if k in given}
+    build: Callable[..., Any] = partial(function, *leading, **structure)
+    if function in systems.ALL and "vehicle" in given:
+        with at(file, f"{key}.vehicle"):
+            build = of_vehicle(function, given.pop("vehicle"), structure)
+    # all at once: gains may be valid only together with their k1
+    plain = {k: known[k].value for k in numeric if k in known}
+    for parameter in [k for k in given if k in numeric]:
+        with at(file, f"{key}.{parameter}"):
+            plain[parameter] = in_base_units(given[parameter])
+    with at(file, key):
+        try:
+            standard = build(**plain)
+        except DefinitionError:  # or else a unit that does not fit
+            plain = {k: v for k, v in plain.items() if not isinstance(given.get(k), str)}
+            standard = build(**plain)
+        units = {p.name: p.unit for p in standard.parameters}
+        accepted = accepted_parameters(function, units)
+    values: dict[str, float] = {}
+    for parameter, value in given.items():
+        if parameter not in accepted:
+            raise ScenarioError(
+                f"{file}: {key}.{parameter}: '{name}' has no such parameter",
+                remedy=suggestion(parameter, [*accepted, *structural]),
+            )
+        with at(file, f"{key}.{parameter}"):
+            values[parameter] = to_si(value, units[parameter])
+    for parameter in accepted:
+        if parameter in known and parameter not in values:
+            values[parameter] = known[parameter].value
+    built = standard
+    if values != plain:
+        with at(file, key):
+            built = build(**values)
+    return built
+
+
+def flat_output(
+    file: str, spec: FlatOutputSpec | None, names: Mapping[str, sp.Expr]
+) -> FlatOutput | None:
+    """The flat output, or None if the file declares none."""
+    if spec is None:
+        return None
+    found = []
+    texts = {"first": spec.first} | {f"last.{i}": text for i, text in enumerate(spec.last)}
+    for key, text in texts.items():
+        with at(file, f"system.flat_output.{key}"):
+            found.append(parse_expression(text, dict(names)))
+    with at(file, "system.flat_output"):
+        return FlatOutput(found[0], tuple(found[1:]))
+
+
+def scaled_region(file: str, region: Region, scales: object, key: str) -> Region:
+    """The region with the scales of the table; `ScenarioError` for an unknown name or no number."""
+    with at(file, f"{key}.scale"):
+        if not isinstance(scales, Mapping):
+            raise ScenarioError(
+                f"got {scales!r}", expected='a table, such as { too_far = "10 cm" }'
+            )
+        found = {n: to_si(v, region.inequality(n).unit) for n, v in scales.items()}
+        return region.with_scales(found) if found else region
+
+
+def without_obstacles(table: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The table without the keys of `ObstaclesSpec`, and these."""
+    placed = {n: v for n, v in table.items() if n in ObstaclesSpec.model_fields}
+    if not {"obstacles", "room"} & set(placed):
+        placed = {}
+    return {n: v for n, v in table.items() if n not in placed}, placed
+
+
+def obstacle_region(
+    composer: Composer, system: System | None, table: Mapping[str, Any], key: str
+) -> Region:
+    """The region outside the polygons of the table, and in its room."""
+    from holdfast.planning.obstacles import obstacles  # with geometry
+
+    assert system is not None
+    spec = validated(ObstaclesSpec, table, composer.file, key)
+
+    def metres(corners: Sequence[Sequence[Any]]) -> list[list[float]]:
+        return [[to_si(c, "m") for c in corner] for corner in corners]
+
+    with at(composer.file, key):
+        found: Region = obstacles(
+            system,
+            {name: metres(corners) for name, corners in spec.obstacles.items()},
+            room=None if spec.room is None else metres(spec.room),
+            clearance=to_si(spec.clearance, "m"),
+            position=spec.position,
+        )
+    composer.declare(found.parameters)
+    return found
+
+
+SHAPES: dict[str, tuple[Callable[..., scene.Shape], tuple[str, ...]]] = {
+    "segment": (scene.Segment, ("start", "end")),
+    "circle": (scene.Circle, ("centre", "radius")),
+    "cone": (scene.Cone, ("apex", "heading", "half_angle", "range")),
+    "footprint": (scene.Footprint, ("apex", "heading", "corners")),
+}
+MOVING = ("cone", "footprint")
+"""Shapes that move with a vehicle; all others are stationary and depend on no state."""
+
+
+def composed_shape(
+    file: str, key: str, spec: ShapeSpec, names: Mapping[str, sp.Expr], known: Container[str]
+) -> scene.Shape:
+    """The shape of one table; `known` are the names that are constant during a run."""
+    if spec.kind not in MOVING:
+        names = {n: e for n, e in names.items() if n in known or n == "pi"}
+
+    def parsed(given: Any) -> Any:
+        if isinstance(given, tuple | list):
+            return tuple(parsed(g) for g in given)
+        return parse_expression(given, names)
+
+    shape, parts = SHAPES[spec.kind]
+    values = []
+    for part in parts:
+        given = getattr(spec, part)
+        if given is None:
+            raise ScenarioError(f"{file}: {key}: a {spec.kind} needs '{part}'")
+        with at(file, f"{key}.{part}"):
+            values.append(parsed(given))
+    return shape(spec.role, *values)
+
 
 Names = dict[str, sp.Expr]
 

@@ -25,14 +25,10 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.functions import magnitude
 from holdfast.maths.formations.chain import chain_in_view, joint_law
-from holdfast.planning.convoy import Convoy, Pose
-from holdfast.planning.corners import Corner, route_corners
-from holdfast.planning.course import Course
-from holdfast.planning.environment import CLOSE, Environment, environment
+from holdfast.planning.corners import Convoy, Corner, Course, Pose, route_corners
+from holdfast.planning.environment import CLOSE, Environment, environment, geojson_cells, plan_route
 from holdfast.planning.fields import route_fields
-from holdfast.planning.geojson import geojson_cells
 from holdfast.planning.leader import lead_along
-from holdfast.planning.route import plan_route
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.schema.formation import FormationSpec
 from holdfast.scenario.validation import at

@@ -30,10 +30,10 @@ from holdfast.scenario.schema.closed_loop import (
     ObserverSpec,
     OutputsSpec,
     RedesignSpec,
+    RunSpec,
     SafeguardSpec,
     ScenarioSpec,
 )
-from holdfast.scenario.schema.run import RunSpec
 from holdfast.scenario.validation import at, validated
 
 Settings = dict[str, Any]

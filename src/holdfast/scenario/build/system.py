@@ -8,10 +8,14 @@ from typing import Any
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.control.unmodelled import add_unmodelled
 from holdfast.maths.definitions.bounds import Box
-from holdfast.maths.definitions.extension import dynamic_extension, input_limits, per_second
-from holdfast.maths.definitions.lag import actuator_units, lagged
-from holdfast.maths.definitions.reduction import promote, subsystem
-from holdfast.maths.definitions.steady import steady_bounds
+from holdfast.maths.definitions.extension import (
+    actuator_units,
+    dynamic_extension,
+    input_limits,
+    lagged,
+    per_second,
+)
+from holdfast.maths.definitions.reduction import promote, steady_bounds, subsystem
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import to_si
 from holdfast.scenario.build.composer import Composer

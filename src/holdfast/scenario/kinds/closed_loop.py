@@ -1,8 +1,11 @@
-"""Closed loops from many starts: composed from the tables of a file, simulated, drawn."""
+"""Closed loops from many starts: composed from the tables of a file, simulated, drawn.
+
+[kernels] has tables that alter a named kernel, which has to be one that the file uses.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,21 +15,26 @@ import sympy as sp
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.analysis.simulation.starts import Starts
-from holdfast.errors import ScenarioError
+from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.resources import Progress
-from holdfast.host.output import make_folder, saved, write_summary
+from holdfast.host.writing import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.parser import parse_expression, parse_number
-from holdfast.scenario.altered_kernels import check_kernels
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.build.law_chain import composed_law
-from holdfast.scenario.build.run import in_si, known_name, settings_of, starts_of
+from holdfast.scenario.build.run import (
+    drawn_names,
+    drawn_ranges,
+    in_si,
+    known_name,
+    settings_of,
+    starts_of,
+)
 from holdfast.scenario.build.system import composed_system, plant_of
-from holdfast.scenario.build.varied import drawn_names, drawn_ranges
 from holdfast.scenario.external import commander_of
 from holdfast.scenario.files import overridden, scenario_title
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
@@ -38,6 +46,31 @@ if TYPE_CHECKING:
     from holdfast.analysis.online.safety_filter import SafetyFilter
     from holdfast.analysis.simulation.aggregates import Entry
     from holdfast.scenario.safety_filter import Safety
+
+
+def check_kernels(file: str, data: Mapping[str, Any]) -> None:
+    """Refuse [kernels] of a name that no key `kernel` of the file uses: it would have no effect."""
+    known = set(_named(data))
+    for name in _altered(data):
+        if name not in known:
+            raise ScenarioError(
+                f"{file}: kernels.{name}: no [safety] or [compare] names this kernel",
+                remedy=suggestion(name, known),
+            )
+
+
+def _named(data: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            yield from _named(value)
+        elif key == "kernel" and isinstance(value, str):
+            yield value
+
+
+def _altered(data: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            yield from (value if key == "kernels" else _altered(value))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from holdfast.scenario.validation import validated
 
 if TYPE_CHECKING:
     from holdfast.analysis.simulation.aggregates import Entry
-    from holdfast.planning.course import Course
+    from holdfast.planning.corners import Course
     from holdfast.presentation.figures.formation import Ground
 
 

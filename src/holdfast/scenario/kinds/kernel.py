@@ -21,7 +21,7 @@ from holdfast.analysis.safety.verdict import Promise
 from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import RenamedWarning, ScenarioError, SimulationError
 from holdfast.execution.resources import Progress
-from holdfast.host.output import make_folder, saved, write_summary
+from holdfast.host.writing import make_folder, saved, write_summary
 from holdfast.maths.definitions.region import Region
 from holdfast.scenario.build.kernel import kernel_parts
 from holdfast.scenario.files import overridden

@@ -22,7 +22,7 @@ from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import ScenarioError, SimulationError
 from holdfast.execution.resources import Progress
-from holdfast.host.output import make_folder, saved, write_summary
+from holdfast.host.writing import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching
 from holdfast.scenario.build.kernel import Apart
@@ -186,7 +186,7 @@ class PartsScenario(SetScenario):
         return files
 
     def report(self, answer: PartsResult, files: Sequence[Path]) -> str:
-        from holdfast.presentation.text.parts import parts_text
+        from holdfast.presentation.text.values import parts_text
 
         return parts_text(self.title, answer.value, answer.promise, list(files))
 

@@ -1,4 +1,7 @@
-"""Schema of a closed-loop scenario file (Pydantic); see docs/scenarios.md."""
+"""Schema of a closed-loop scenario file (Pydantic); see docs/scenarios.md.
+
+[run] is that of a formation too.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
-from holdfast.scenario.schema.run import RunSpec
 from holdfast.scenario.schema.values import (
     Bounds,
     DrawSpec,
@@ -25,6 +27,38 @@ from holdfast.scenario.schema.values import (
     Text,
     Value,
 )  # fmt: skip
+
+Corners = Annotated[list[Point], Field(min_length=3)]
+
+
+class ObstaclesSpec(Section):
+    """obstacles: name -> corners of a polygon [m]; room: those of a polygon to stay in."""
+
+    obstacles: dict[Name, Corners] = Field(default_factory=dict)
+    room: Corners | None = None
+    clearance: Value = 0.0
+    position: Plane = ("x", "y")
+
+
+class RunSpec(Section):
+    """[run]: the settings of the simulation."""
+
+    renamed: ClassVar[Renamed] = {"control": ("continuous", {"continuous": True, "sampled": False})}
+
+    horizon: Value
+    sample_time: Value = 0.02
+    substeps: int = 2
+    record_every: Value = 0.1
+    continuous: bool = False
+    stepper: str = "rk4"
+    absolute: float = 1e-9
+    relative: float = 1e-9
+    tolerance: float = 0.0
+    switch_limit: int = 10
+    delay: Value = 0.0
+    until_goal: bool = False
+    device: str = "cpu"
+    seed: int = 0
 
 
 class Header(Section):

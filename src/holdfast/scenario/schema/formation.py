@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from holdfast.scenario.schema.run import RunSpec
+from holdfast.scenario.schema.closed_loop import RunSpec
 from holdfast.scenario.schema.values import Name, NoiseSpec, Section, Text, Value
 
 

@@ -1,35 +1,178 @@
-"""Parameter sweeps of a scenario in worker processes, stored on disk: `holdfast sweep`."""
+"""Parameter sweeps of a scenario in worker processes, stored on disk: `holdfast sweep`.
+
+One part of a cell is the work of a process, local or on a cluster. A finished part is stored, and a
+kill at any time loses none: the store is an SQLite file, whose transactions are atomic.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import shlex
+import sqlite3
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from holdfast.analysis.simulation.aggregates import Entry, as_table
 from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.arguments import checked
-from holdfast.errors import GainWarning, HoldfastError, ScenarioError
+from holdfast.errors import GainWarning, HoldfastError, OutputError, ScenarioError
 from holdfast.execution.arrays import Array
 from holdfast.execution.cache import code_digest
 from holdfast.execution.resources import available_cores
-from holdfast.host.output import make_folder
+from holdfast.host.writing import make_folder
 from holdfast.scenario.files import files_digest, overridden, read_tables
 from holdfast.scenario.kinds.base import Composed
 from holdfast.scenario.kinds.closed_loop import Scenario
-from holdfast.scenario.load import scenario_of
-from holdfast.scenario.overrides import check_overrides
+from holdfast.scenario.load import check_overrides, scenario_of
 from holdfast.studies.process_pool import answers, processes
 from holdfast.studies.scenario_parameter import CURRENT, find_knob, last_part
-from holdfast.studies.sweep.axes import Over, grid_cells, latin_cells, read_over
-from holdfast.studies.sweep.cell import Part, run_part
-from holdfast.studies.sweep.store import Key, store
-from holdfast.studies.sweep.table import Axis, campaign_table, check_variable
+from holdfast.studies.sweep.table import (
+    Axis,
+    Over,
+    campaign_table,
+    check_variable,
+    grid_cells,
+    latin_cells,
+    read_over,
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """The runs first..last-1 of the scenario of these tables, with the settings of a cell.
+
+    last = 0: the scenario is not a batch of runs. code: the digest of the requesting holdfast;
+    threads: 0 for one per core.
+    """
+
+    file: str
+    tables: Mapping[str, Any]
+    settings: tuple[str, ...]
+    runs: int | None
+    seed: int | None
+    first: int
+    last: int
+    threads: int
+    code: str
+
+
+_one_at_a_time = threading.Lock()  # threads of a process would share its cores and warnings
+_last: tuple[object, Composed] | None = None
+
+
+def run_part(part: Part) -> dict[str, Any]:
+    """{"numbers": a tally as lists, "note": warnings} or {"refused": why}.
+
+    The key "failed" marks a failure, which may not recur, in contrast to a refusal. Raises
+    `ScenarioError` if the request comes from another version of holdfast.
+    """
+    if part.code != code_digest():
+        raise ScenarioError(
+            "a process of the cluster has another version of holdfast",
+            remedy="install the same version everywhere",
+        )
+    with _one_at_a_time, warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        try:
+            numbers = _numbers(part)
+        except HoldfastError as error:
+            return {"refused": str(error)}
+        except Exception as error:  # a failing cell must not end the others
+            return {"refused": f"{type(error).__name__}: {error}", "failed": True}
+    said = [str(w.message) for w in heard if issubclass(w.category, GainWarning)]
+    return {"numbers": as_table(numbers), "note": "; ".join(dict.fromkeys(said))}
+
+
+def _numbers(part: Part) -> dict[str, Entry]:
+    runs = range(part.first, part.last) if part.last else None
+    return _composed(part).tally(runs, part.threads)
+
+
+def _composed(part: Part) -> Composed:
+    """The scenario; the last one is kept, for the next part of the same cell."""
+    global _last
+    asked = (part.file, repr(part.tables), part.settings, part.runs, part.seed)
+    if _last is None or _last[0] != asked:
+        _, tables = overridden("", dict(part.tables), part.settings)
+        _last = asked, scenario_of(part.file, "", tables, part.runs, part.seed)
+    return _last[1]
+
+
+Key = tuple[int, int]
+"""The cell, and the part of it."""
+
+
+class Store:
+    """The answers of the parts of one campaign, by `campaign`, its digest.
+
+    Answers of other campaigns in the same file are left untouched. Failures are not kept beyond
+    this call: the next one tries again.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, campaign: str) -> None:
+        self.connection, self.campaign = connection, campaign
+        self.failed: dict[int, dict[int, dict[str, Any]]] = {}  # cell, part
+        with connection:
+            connection.execute(
+                "CREATE TABLE IF NOT EXISTS part (campaign TEXT, cell INTEGER, number INTEGER, "
+                "answer TEXT, PRIMARY KEY (campaign, cell, number))"
+            )
+
+    def finished(self) -> set[Key]:
+        """The finished parts."""
+        rows = self.connection.execute(
+            "SELECT cell, number FROM part WHERE campaign = ?", (self.campaign,)
+        )
+        return set(rows)
+
+    def put(self, key: Key, answer: dict[str, Any]) -> None:
+        """Store the answer of a part; it is on disk when this returns."""
+        if answer.get("failed"):
+            self.failed.setdefault(key[0], {})[key[1]] = answer
+            return
+        with self.connection:
+            self.connection.execute(
+                "INSERT OR IGNORE INTO part VALUES (?, ?, ?, ?)",
+                (self.campaign, *key, json.dumps(answer)),
+            )
+
+    def answers(self, cell: int) -> list[dict[str, Any]]:
+        """The answers of all parts of a cell, in order."""
+        rows = self.connection.execute(
+            "SELECT number, answer FROM part WHERE campaign = ? AND cell = ?",
+            (self.campaign, cell),
+        )
+        found = {number: json.loads(text) for number, text in rows}
+        found |= self.failed.get(cell, {})
+        return [found[number] for number in sorted(found)]
+
+
+@contextmanager
+def store(path: Path | None, campaign: str) -> Iterator[Store]:
+    """The store in that file, or in memory.
+
+    Raises `OutputError` if the file cannot be written, is not a store, or the disk is full.
+    """
+    shown = path if path is not None else ":memory:"
+    try:
+        connection = sqlite3.connect(shown)
+        try:
+            yield Store(connection, campaign)
+        finally:
+            connection.close()
+    except sqlite3.DatabaseError as error:
+        raise OutputError(
+            f"{shown} cannot be used ({error})",
+            remedy="make room or choose another folder with --out: its content is kept",
+        ) from None
+
 
 PART = 5_000
 """Runs of a cell that are simulated together, which bounds the memory."""

@@ -15,7 +15,7 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import HoldfastError
 from holdfast.execution.cache import code_digest
 from holdfast.execution.resources import Progress
-from holdfast.host.output import make_folder, write_text
+from holdfast.host.writing import make_folder, write_text
 from holdfast.scenario.files import files_digest
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario

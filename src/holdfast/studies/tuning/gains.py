@@ -14,8 +14,7 @@ from holdfast.maths.nonholonomic.chained_feedback import POLE
 from holdfast.scenario.candidates import PREFIX
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.studies.scenario_parameter import Knob, find_knob, last_part
-from holdfast.studies.sweep.axes import Over, read_over
-from holdfast.studies.sweep.table import Axis
+from holdfast.studies.sweep.table import Axis, Over, read_over
 
 FACTOR = 4.0
 """The default range of a gain is from its own value divided by this to its value times this."""

@@ -1,26 +1,321 @@
-"""Gains that follow from conditions: all of them met at every corner, and best for a cost."""
+"""Gains that follow from conditions: all of them met at every corner, and best for a cost.
+
+What gains cost is measured in closed loop: many candidates in one simulation, from the same starts.
+Candidates are Sobol points, of which the admissible ones begin a differential evolution.
+"""
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from holdfast.analysis.safety.gain_conditions import corners_of, judged
-from holdfast.analysis.simulation.tuning import COSTS, Candidate, Tuning
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import NonlinearConstraint, differential_evolution
+from scipy.stats import qmc
+
+from holdfast.analysis.safety.gain_conditions import JudgedCondition, corners_of, judged
+from holdfast.analysis.simulation.named_arrays import NamedArrays
+from holdfast.analysis.simulation.result import Result
+from holdfast.analysis.simulation.tuning import COSTS, Candidate, Costs, Tuning
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
+from holdfast.execution.arrays import Array
+from holdfast.execution.resources import Progress
+from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.variation import Varied
 from holdfast.scenario.candidates import LawFamily
 from holdfast.scenario.edited import edited_text
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
-from holdfast.scenario.load import scenario_of
-from holdfast.scenario.overrides import check_overrides
+from holdfast.scenario.load import check_overrides, scenario_of
 from holdfast.studies.comparison.compare import in_case
 from holdfast.studies.tuning.gains import Gain, gains_of
-from holdfast.studies.tuning.measure import Measure
-from holdfast.studies.tuning.search import Trial, UnmetError, best_of
+
+INSTANTS = 400
+"""Samples of the inputs, about, from which the effort is taken."""
+
+MOST_CORNERS = 4
+"""Corners that are simulated from every start; the conditions are judged at all of them."""
+
+TOGETHER = 3000
+"""Runs that are simulated together, which bounds the memory."""
+
+NEAR = 0.05
+"""A start nearer to a constraint than this share of the farthest start counts as that far."""
+
+Numbers = Mapping[str, float]
+
+
+class Measure:
+    """The costs of laws that differ in their parameters, from the starts of a scenario.
+
+    Each start is simulated with the draws of the scenario and, for at most two draws, at each of
+    their corners. The cost of a candidate is the larger of both.
+    """
+
+    def __init__(self, scenario: Scenario, base: Numbers) -> None:
+        samples = round(scenario.settings["horizon"] / scenario.settings["sample_time"])
+        stride = next(
+            d for d in range(1, samples + 1) if samples % d == 0 and samples / d <= INSTANTS
+        )
+        every = stride * scenario.settings["sample_time"]
+        self.instants = samples // stride + 1
+        self.scenario = replace(
+            scenario.with_settings(record_every=every), law=without_conditions(scenario.law)
+        )
+        self.base = base
+        own = scenario.varied
+        self.varied = [own]
+        if own.draws and not own.vertices and 2 ** len(own.draws) <= MOST_CORNERS:
+            self.varied.append(replace(own, vertices=tuple(own.draws)))
+
+    def costs(self, laws: Sequence[Numbers], progress: Progress | None = None) -> list[Costs]:
+        """The costs of laws with these parameters, in their order."""
+        found: list[Costs] = []
+        heaviest = max(v.turns for v in self.varied) * self.scenario.starts.count
+        some = max(1, TOGETHER // heaviest)
+        for first in range(0, len(laws), some):
+            part = laws[first : first + some]
+            each = [self._simulated(varied, part) for varied in self.varied]
+            found += [_worse(costs) for costs in zip(*each, strict=True)]
+            if progress is not None:
+                progress(min(first + some, len(laws)) / len(laws))
+        return found
+
+    def _simulated(self, varied: Varied, laws: Sequence[Numbers]) -> list[Costs]:
+        names = [n for n in self.base if any(law[n] != self.base[n] for law in laws)]
+        cases = {n: [law[n] for law in laws] for n in names}
+        if not cases:  # all of them are the law of the scenario
+            return [self._costs(replace(self.scenario, varied=varied), 1)[0]] * len(laws)
+        return self._costs(replace(self.scenario, varied=replace(varied, cases=cases)), len(laws))
+
+    def _costs(self, scenario: Scenario, cases: int) -> list[Costs]:
+        result = scenario.run()
+        corners = len(scenario.varied.corners)
+        horizon = float(scenario.settings["horizon"])
+
+        def folded(values: Array) -> Array:
+            """(case, corner), the means over the starts."""
+            return values.reshape(-1, cases, corners).mean(axis=0)
+
+        lost = folded(_lost(result).astype(np.float64)).mean(axis=1)
+        time = folded(_time(result, horizon)).max(axis=1)
+        effort = folded(_effort(result.arrays, horizon)).max(axis=1)
+        clearance = folded(_clearance(result.arrays)).min(axis=1)
+        return [Costs(*map(float, row)) for row in zip(time, effort, clearance, lost, strict=True)]
+
+
+def without_conditions(law: Law | Switching) -> Law | Switching:
+    """The same law; its conditions, which are judged elsewhere, are not judged in every run."""
+    if isinstance(law, Switching):
+        return law.map_laws(lambda mode: replace(mode, conditions=()), law.name)
+    return replace(law, conditions=())
+
+
+def _worse(costs: Sequence[Costs]) -> Costs:
+    return Costs(
+        max(c.time for c in costs),
+        max(c.effort for c in costs),
+        min(c.clearance for c in costs),
+        max(c.lost for c in costs),
+    )
+
+
+def _lost(result: Result) -> npt.NDArray[np.bool_]:
+    outcome = result.arrays["outcome"].values
+    kept = [Outcome.REACHED] if result.arrays.attrs.get("goal") else [Outcome.STAYED]
+    lost: npt.NDArray[np.bool_] = ~np.isin(outcome, kept)
+    return lost
+
+
+def _time(result: Result, horizon: float) -> Array:
+    """Seconds until a run is in the goal for good; the horizon for one that is lost."""
+    if not result.arrays.attrs.get("goal"):
+        return np.full(len(result.arrays["outcome"].values), np.nan)
+    since = result.arrays["goal_time"].values
+    return np.where(_lost(result) | ~np.isfinite(since), horizon, since)
+
+
+def _effort(data: NamedArrays, horizon: float) -> Array:
+    """The integral of sum (input / limit)^2 [s]; infinite for a run that diverged."""
+    axis = "actuator" if data["actuator"].values.shape[-1] else "input"
+    values = data[axis].values
+    scale = np.ones(values.shape[-1])
+    if f"{axis}_high" in data:
+        size = np.maximum(np.abs(data[f"{axis}_low"].values), np.abs(data[f"{axis}_high"].values))
+        scale = size.reshape(-1, size.shape[-1]).max(axis=0)
+        scale = np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
+    power = ((values / scale) ** 2).sum(axis=-1)
+    mean = (power[:, 1:] + power[:, :-1]).mean(axis=1) / 2
+    return np.where(np.isfinite(mean), mean, 1e6) * horizon
+
+
+def _clearance(data: NamedArrays) -> Array:
+    """The share of its distance at the start that a run keeps from its worst constraint."""
+    worst, first = data["worst_constraint"].values, data["constraint"].values[:, 0]
+    if not worst.shape[-1]:
+        return np.full(len(worst), np.nan)
+    floor = np.maximum(NEAR * np.nanmax(-first, axis=0), 1e-12)
+    least: Array = (-worst / np.maximum(-first, floor)).min(axis=1)
+    return least
+
+
+FIRST, MOST = 6, 9
+"""Powers of 2: Sobol points that are judged first, and at most, until enough are admissible."""
+
+REPAIRS = 25
+"""Generations in which the least slack is raised where no point is admissible."""
+
+REFUSED = -1e3
+"""The slack of gains that the law refuses."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Gains by key, the parameters of their law, and its conditions where they are worst."""
+
+    key: tuple[float, ...]
+    gains: Mapping[str, float]
+    parameters: Mapping[str, float]
+    conditions: tuple[JudgedCondition, ...]
+
+    @property
+    def slack(self) -> float:
+        """The least of all conditions."""
+        return min((c.slack for c in self.conditions), default=math.inf)
+
+
+class UnmetError(Exception):
+    """No gains meet all conditions: the condition that is worst at the best gains.
+
+    alone: whether it is met nowhere, even without the others.
+    """
+
+    def __init__(
+        self, condition: JudgedCondition | None, gains: Mapping[str, float], alone: bool
+    ) -> None:
+        super().__init__()
+        self.condition, self.gains, self.alone = condition, gains, alone
+
+
+Build = Callable[[Sequence[float]], Trial | None]
+
+
+def best_of(
+    build: Build,
+    gains: Sequence[Gain],
+    costs: Callable[[Sequence[Trial]], list[float]],
+    margin: float,
+    candidates: int,
+    seed: int,
+    tell: Callable[[str, float], None],
+) -> None:
+    """Let `costs` see about `candidates` admissible trials that become cheaper.
+
+    build: the trial at shares of the ranges of the gains. Raises `UnmetError`.
+    """
+    count = len(gains)
+    population = min(max(6 * count, 8), 32, max(candidates // 2, 5))
+    points = _admissible(build, gains, margin, population, seed, tell)
+
+    def slack(x: Array) -> Array:
+        found = [build(column) for column in np.atleast_2d(x.T)]
+        return np.array([[REFUSED if t is None else t.slack for t in found]])
+
+    def cost(x: Array) -> Array:
+        found = [build(column) for column in np.atleast_2d(x.T)]
+        return np.array(costs([t for t in found if t is not None]))
+
+    differential_evolution(
+        cost,
+        [(0.0, 1.0)] * count,
+        constraints=NonlinearConstraint(slack, margin, np.inf),
+        init=points,
+        maxiter=max(1, candidates // population - 1),
+        vectorized=True,
+        updating="deferred",
+        polish=False,
+        tol=0.0,
+        rng=np.random.default_rng(seed),
+    )
+
+
+def _admissible(
+    build: Build,
+    gains: Sequence[Gain],
+    margin: float,
+    population: int,
+    seed: int,
+    tell: Callable[[str, float], None],
+) -> Array:
+    """`population` points, admissible ones first; the gains of the scenario, if they are."""
+    sampler = qmc.Sobol(len(gains), rng=np.random.default_rng(seed))
+    own = [gain.share(gain.own) for gain in gains]
+    points = [own] if all(0 <= s <= 1 for s in own) else []
+    slacks: list[float] = []
+    for power in range(FIRST, MOST + 1):
+        points += sampler.random(2 ** (power if power == FIRST else power - 1)).tolist()
+        for point in points[len(slacks) :]:
+            found = build(point)
+            slacks.append(REFUSED if found is None else found.slack)
+            tell("conditions", 0.1 * len(slacks) / 2**MOST)
+        if sum(s >= margin for s in slacks) >= population:
+            break
+    order = sorted(range(len(points)), key=lambda i: (slacks[i] < margin, i))
+    if slacks[order[0]] < margin:
+        points.append(_repaired(build, points, slacks, margin, seed))
+        order.insert(0, len(points) - 1)
+    return np.array([points[i] for i in order[:population]])
+
+
+def _repaired(
+    build: Build,
+    points: Sequence[Sequence[float]],
+    slacks: Sequence[float],
+    margin: float,
+    seed: int,
+) -> list[float]:
+    """A point whose least slack is at least the margin, found by raising it; else `UnmetError`."""
+    trials = [t for t in map(build, points) if t is not None]
+
+    def shortfall(x: Array) -> Array:
+        found = [build(column) for column in np.atleast_2d(x.T)]
+        trials.extend(t for t in found if t is not None)
+        return np.array([-REFUSED if t is None else -t.slack for t in found])
+
+    best = sorted(range(len(points)), key=lambda i: -slacks[i])[: max(8, 4 * len(points[0]))]
+    answer = differential_evolution(
+        shortfall,
+        [(0.0, 1.0)] * len(points[0]),
+        init=np.array([points[i] for i in best]),
+        maxiter=REPAIRS,
+        vectorized=True,
+        updating="deferred",
+        polish=False,
+        rng=np.random.default_rng(seed),
+        callback=lambda intermediate_result: intermediate_result.fun <= -margin,
+    )
+    if answer.fun <= -margin:
+        found: list[float] = answer.x.tolist()
+        return found
+    if not trials:
+        raise UnmetError(None, {}, alone=True)
+    final = max(trials, key=lambda t: t.slack)
+    alone = [
+        c
+        for i, c in enumerate(final.conditions)
+        if all(t.conditions[i].slack < margin for t in trials)
+    ]
+    short = alone or [c for c in final.conditions if c.slack < margin]
+    raise UnmetError(min(short, key=lambda c: c.slack), final.gains, alone=bool(alone))
+
 
 STARTS = 16
 """Starts of every candidate, by default."""

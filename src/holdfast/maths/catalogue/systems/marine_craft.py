@@ -9,7 +9,7 @@ from dataclasses import replace
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError
 from holdfast.maths.catalogue.systems.planar_craft import CURRENT, STATES, planar_craft
-from holdfast.maths.definitions.lag import LAG, SLEW
+from holdfast.maths.definitions.extension import LAG, SLEW
 from holdfast.maths.definitions.quantity import Parameter, Quantity
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.thruster import INPUTS, Thruster
