@@ -15,7 +15,7 @@ from collections.abc import Callable
 import mpmath
 import numpy as np
 
-from holdfast.execution.arithmetic import exponential, trigonometric
+from holdfast.execution.arithmetic import elementary
 from holdfast.execution.arithmetic.steps import Steps
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.leaf import Leaves, columns, compiled_leaves
@@ -41,25 +41,25 @@ def spread(low: float, high: float, negative: bool = True) -> Draw:
 
 TURNS = (uniform(-10, 10), uniform(-1e6, 1e6), spread(1e-20, 1e300))
 ROWS = {
-    "sin": (lambda x: trigonometric.sine_and_cosine(x)[0], (TURNS,)),
-    "cos": (lambda x: trigonometric.sine_and_cosine(x)[1], (TURNS,)),
-    "tan": (trigonometric.tangent, (TURNS,)),
-    "arcsin": (trigonometric.arcsine, ((uniform(-1, 1), spread(1e-20, 1)),)),
-    "arccos": (trigonometric.arccosine, ((uniform(-1, 1), spread(1e-20, 1)),)),
-    "arctan": (trigonometric.arctangent, ((uniform(-4, 4), spread(1e-20, 1e20)),)),
-    "arctan2": (trigonometric.angle_of, ((uniform(-1, 1), spread(1e-20, 1e20)),) * 2),
-    "exp": (exponential.exponential, ((uniform(-708, 709), uniform(-1, 1)),)),
+    "sin": (lambda x: elementary.sine_and_cosine(x)[0], (TURNS,)),
+    "cos": (lambda x: elementary.sine_and_cosine(x)[1], (TURNS,)),
+    "tan": (elementary.tangent, (TURNS,)),
+    "arcsin": (elementary.arcsine, ((uniform(-1, 1), spread(1e-20, 1)),)),
+    "arccos": (elementary.arccosine, ((uniform(-1, 1), spread(1e-20, 1)),)),
+    "arctan": (elementary.arctangent, ((uniform(-4, 4), spread(1e-20, 1e20)),)),
+    "arctan2": (elementary.angle_of, ((uniform(-1, 1), spread(1e-20, 1e20)),) * 2),
+    "exp": (elementary.exponential, ((uniform(-708, 709), uniform(-1, 1)),)),
     "log": (
-        exponential.logarithm,
+        elementary.logarithm,
         ((uniform(0.5, 2), spread(1e-300, 1e300, negative=False)),),
     ),
     "power": (
-        exponential.power,
+        elementary.power,
         ((uniform(0, 3), spread(1e-60, 1e60, negative=False)), (uniform(-5, 5), uniform(0, 2))),
     ),
-    "sinh": (exponential.hyperbolic_sine, ((uniform(-709, 709), uniform(-2, 2)),)),
-    "cosh": (exponential.hyperbolic_cosine, ((uniform(-709, 709), uniform(-2, 2)),)),
-    "tanh": (exponential.hyperbolic_tangent, ((uniform(-20, 20), uniform(-1, 1)),)),
+    "sinh": (elementary.hyperbolic_sine, ((uniform(-709, 709), uniform(-2, 2)),)),
+    "cosh": (elementary.hyperbolic_cosine, ((uniform(-709, 709), uniform(-2, 2)),)),
+    "tanh": (elementary.hyperbolic_tangent, ((uniform(-20, 20), uniform(-1, 1)),)),
 }
 """NumPy's name -> (steps, the ways to draw each argument)."""
 

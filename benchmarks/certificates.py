@@ -25,8 +25,7 @@ from scipy.stats import qmc
 from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.maths.definitions.quantity import symbol
-from holdfast.studies.certification import certified
-from holdfast.studies.largest_certified import largest_certified
+from holdfast.studies.certification import certified, largest_certified
 from holdfast.studies.law_certification import judged_law
 from holdfast_check.checker import NotValidError, check
 

@@ -32,7 +32,7 @@ import sympy as sp
 from scipy.linalg import solve_discrete_are
 
 import holdfast as hf
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 
 try:
     import casadi as ca

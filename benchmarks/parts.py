@@ -16,7 +16,7 @@ import numpy as np
 from tests.parted_systems import box, late_cart, plane, towed, walls
 
 import holdfast as hf
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.expressions.functions import magnitude
 
 LAG = 0.1  # s

@@ -17,7 +17,7 @@ import numpy as np
 import holdfast as hf
 from holdfast.errors import HoldfastError
 from holdfast.scenario.build.formation import composed_formation
-from holdfast.scenario.schema.formation import FormationSpec
+from holdfast.scenario.schema.closed_loop import FormationSpec
 
 WIDTHS, LENGTHS = (1.0, 2.2), (3.0, 6.0)
 

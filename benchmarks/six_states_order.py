@@ -18,7 +18,7 @@ import numpy as np
 import holdfast as hf
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.simulation.simulate import simulate
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
 

@@ -11,7 +11,7 @@ import shutil
 import time
 from pathlib import Path
 
-from holdfast.studies.thesis.explorers import FOLDER, write_explorers
+from holdfast.studies.thesis.report import FOLDER, write_explorers
 from holdfast.studies.thesis.reproduce import reproduce
 
 KERNEL = 300_000

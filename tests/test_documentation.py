@@ -19,7 +19,7 @@ import pytest
 import holdfast as hf
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.commands.main import main
-from holdfast.interop.logs.write import write_log
+from holdfast.interop.logs.read import write_log
 from holdfast.presentation.text.runs import summary_text
 from holdfast.presentation.text.values import value_text
 from holdfast.scenario.kinds.kernel import KernelScenario

@@ -33,7 +33,7 @@ from dataclasses import dataclass
 from pydantic import BaseModel
 
 from holdfast.analysis.simulation.aggregates import Entry
-from holdfast.host.writing import make_folder, write_summary
+from holdfast.host.files import make_folder, write_summary
 from holdfast.scenario.kinds.base import Composed, Kind
 from holdfast.scenario.validation import validated
 

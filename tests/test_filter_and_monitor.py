@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.online.interventions import Interventions
+from holdfast.analysis.online.decision import Interventions
 from holdfast.host.streams import Foot
 from holdfast.presentation.text.interventions import Live
 from tests.command_line import called, started

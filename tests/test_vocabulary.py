@@ -8,7 +8,7 @@ import holdfast as hf
 from holdfast.analysis.reachability.problem import Marching
 from holdfast.errors import RenamedWarning, ScenarioError
 from holdfast.execution.simulation.settings import Settings
-from holdfast.maths.definitions.scene import Circle, Cone, Footprint, Segment
+from holdfast.maths.definitions.region import Circle, Cone, Footprint, Segment
 from holdfast.scenario.load import load_scenario
 from holdfast.scenario.schema import closed_loop as schema
 from holdfast.scenario.schema import kernel as kernel_schema

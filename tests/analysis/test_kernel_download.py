@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis import published_kernels
+from holdfast.analysis import kernel_store
 from holdfast.analysis.kernel_store import INDEX, Store, entry_of
 from holdfast.errors import OutputError
 from tests.served_files import served
@@ -81,7 +81,7 @@ def test_a_beginning_that_is_whole_or_longer_ends_well(web, kernel, more):
 
 
 def test_what_came_before_an_interruption_is_kept(web, kernel, monkeypatch):
-    pieces, size = published_kernels.pieces, kernel[1].stat().st_size
+    pieces, size = kernel_store.pieces, kernel[1].stat().st_size
 
     def interrupted(answer, most):
         if most != size:
@@ -91,7 +91,7 @@ def test_what_came_before_an_interruption_is_kept(web, kernel, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as inside:
-        inside.setattr(published_kernels, "pieces", interrupted)
+        inside.setattr(kernel_store, "pieces", interrupted)
         with pytest.raises(KeyboardInterrupt):
             is_loaded(web, kernel)
     assert in_the_store() == [".part"]
@@ -111,7 +111,7 @@ def test_a_kernel_that_is_cut_or_gone_in_the_store_is_fetched_again(web, kernel)
 
 
 def test_a_server_that_says_nothing_is_given_up(web, kernel, monkeypatch):
-    monkeypatch.setattr(published_kernels, "PATIENCE", 0.2)
+    monkeypatch.setattr(kernel_store, "PATIENCE", 0.2)
     web.silent = threading.Event()
     with pytest.raises(OutputError, match=r"cannot be fetched \(timed out\)"):
         is_loaded(web, kernel)
@@ -131,7 +131,7 @@ def test_a_redirect_is_followed_with_what_is_missing(web, kernel):
 def test_a_disk_without_room_is_found_before_and_while_it_is_written(web, kernel, monkeypatch):
     few = type("Usage", (), {"free": 1000})()
     with monkeypatch.context() as inside:
-        inside.setattr(published_kernels.shutil, "disk_usage", lambda folder: few)
+        inside.setattr(kernel_store.shutil, "disk_usage", lambda folder: few)
         with pytest.raises(OutputError, match="has room for"):
             is_loaded(web, kernel)
 
@@ -139,7 +139,7 @@ def test_a_disk_without_room_is_found_before_and_while_it_is_written(web, kernel
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as inside:
-        inside.setattr(published_kernels.os, "fsync", full)
+        inside.setattr(kernel_store.os, "fsync", full)
         with pytest.raises(OutputError, match=r"No space left .* with HOLDFAST_STORE"):
             is_loaded(web, kernel)
     assert is_loaded(web, kernel)
@@ -187,6 +187,6 @@ def test_an_index_that_is_endless_or_a_page_is_refused(web, kernel, monkeypatch)
     (web.folder / INDEX).write_text("<html>sign in</html>")
     with pytest.raises(OutputError, match="is no index of kernels"):
         is_loaded(web, kernel)
-    monkeypatch.setattr("holdfast.analysis.published_kernels.MOST_INDEX", 5)
+    monkeypatch.setattr("holdfast.analysis.kernel_store.MOST_INDEX", 5)
     with pytest.raises(OutputError, match="is too large"):
         is_loaded(web, kernel)

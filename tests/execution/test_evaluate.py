@@ -3,7 +3,7 @@
 import numpy as np
 
 import holdfast as hf
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 
 
 def test_parameter_that_two_parts_declare_is_one_number():

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from holdfast.host.writing import atomic_file, remove_left_over, undisturbed
+from holdfast.host.files import atomic_file, remove_left_over, undisturbed
 from tests.command_line import started
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals")
@@ -74,7 +74,7 @@ def hung(where):
     return f"""
 import sys, threading, time
 from holdfast.analysis.simulation import files
-from holdfast.host.writing import atomic_file
+from holdfast.host.files import atomic_file
 def write(dataset, path):
     with atomic_file(path) as partial:
         partial.write_text("half")

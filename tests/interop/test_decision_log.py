@@ -6,7 +6,7 @@ import math
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.online.interventions import Interventions
+from holdfast.analysis.online.decision import Interventions
 from holdfast.errors import OutputError
 from holdfast.presentation.text.interventions import event_line
 from tests.decisions import camera_filter, drive, messages, record

@@ -7,17 +7,18 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.formations.turning_radii import (
+from holdfast.planning.corners import (
+    Convoy,
     chain_radii,
     critical_radius,
     follower_radius,
+    lead_along,
+    route_corners,
     turning_radii,
     zero_off_tracking_gain,
 )
-from holdfast.planning.corners import Convoy, route_corners
 from holdfast.planning.environment import environment, plan_route
 from holdfast.planning.fields import route_fields
-from holdfast.planning.leader import lead_along
 from tests.planning.spaces import CORNER, box
 
 

@@ -8,7 +8,7 @@ import shapely
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, ScenarioError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from tests.c_code import built, needs_gcc, pointer
 
 L_SHAPE = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]

@@ -8,13 +8,13 @@ import holdfast as hf
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.catalogue.signature import example
 from holdfast.maths.definitions.vehicle_file import vehicle_names
-from holdfast.maths.reference_fields.meridian_planes import meridian
-from holdfast.presentation.text.mathematics import equations
+from holdfast.maths.reference_fields.critical_points import meridian
+from holdfast.presentation.text.derivation import equations
 from holdfast.studies.catalogue import describe
 from tests.conftest import number_at
 

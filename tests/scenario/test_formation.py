@@ -15,8 +15,7 @@ import holdfast as hf
 from holdfast.errors import GainWarning, ScenarioError
 from holdfast.maths.catalogue.systems.chain import chain
 from holdfast.maths.formations.chain import joint_law
-from holdfast.planning.corners import Corner, Course
-from holdfast.planning.leader import lead_along
+from holdfast.planning.corners import Corner, Course, lead_along
 from holdfast.scenario.load import load_scenario
 
 QUICK = ["run.sample_time=0.01", "run.record_every=0.1"]

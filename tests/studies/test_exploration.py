@@ -343,7 +343,7 @@ def test_a_set_without_a_law_is_cut_by_any_two_states_at_any_of_its_times(chromi
 
 
 def test_a_kernel_too_large_for_its_law_is_shown_alone(chromium, written, monkeypatch):
-    monkeypatch.setattr("holdfast.studies.explored_kernel.MOST_BYTES", 1000)
+    monkeypatch.setattr("holdfast.studies.exploration.MOST_BYTES", 1000)
     with opened(chromium, written("seen-target", "grid.nodes=21")) as page:
         assert "its law needs 0 MiB" in page.page.inner_text("header")
         assert page.page.inner_text("#status") == "The state is in the set."

@@ -11,7 +11,7 @@ from holdfast.analysis.reachability.solve import Answer
 from holdfast.commands.certify import command
 from holdfast.errors import ScenarioError
 from holdfast.scenario.files import read_tables
-from holdfast.studies.largest_certified import largest_certified, write_largest
+from holdfast.studies.certification import largest_certified, write_largest
 from holdfast_check.checker import check
 
 searched = cache(largest_certified)

@@ -10,8 +10,8 @@ import holdfast as hf
 from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import ScenarioError
-from holdfast.studies import explored_kernel as module
-from holdfast.studies.explored_kernel import check_size, packed_slices
+from holdfast.studies import exploration as module
+from holdfast.studies.exploration import check_size, packed_slices
 
 
 @pytest.fixture(scope="module")

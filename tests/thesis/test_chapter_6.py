@@ -11,9 +11,9 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.catalogue.laws.follow_leader import SEEN
-from holdfast.maths.definitions.measurement import by_measurements
+from holdfast.maths.definitions.system import by_measurements
 from holdfast.maths.expressions.functions import sgn
 from holdfast.maths.formations.footprint import polygon
 from tests.conftest import number_at

@@ -14,17 +14,21 @@ from scipy.integrate import solve_ivp
 from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue import fields
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
-from holdfast.maths.reference_fields.critical_points import classify, winding_number
-from holdfast.maths.reference_fields.facts import field_facts
-from holdfast.maths.reference_fields.field import Field
-from holdfast.maths.reference_fields.flow_lines import (
+from holdfast.maths.reference_fields.critical_points import (
+    classify,
+    plane_by_plane,
+    symmetry_residuals,
+    winding_number,
+)
+from holdfast.maths.reference_fields.facts import (
+    critical_points,
     exact_flow,
+    field_facts,
     first_integral,
     flow_line,
     loop_exponent,
 )
-from holdfast.maths.reference_fields.meridian_planes import plane_by_plane, symmetry_residuals
-from holdfast.maths.reference_fields.zeros import critical_points
+from holdfast.maths.reference_fields.field import Field
 
 X, Y, LAM = symbol("x"), symbol("y"), symbol("lam")
 MOMENTS = {

@@ -19,7 +19,7 @@ from holdfast.analysis.decomposition.parts_value import (
     decomposition_of,
     group_names,
 )
-from holdfast.analysis.published_kernels import referred
+from holdfast.analysis.kernel_store import referred
 from holdfast.analysis.reachability.stored_values import (
     CACHE,
     Stamp,

@@ -15,7 +15,7 @@ import click
 
 from holdfast.commands.options import NOT_ANSWERED, WHOLE, file_options
 from holdfast.errors import ScenarioError
-from holdfast.host.writing import check_writable
+from holdfast.host.files import check_writable
 from holdfast.studies.progress import bar
 
 
@@ -305,7 +305,7 @@ def _of_largest(
     scenario: str, overrides: tuple[str, ...], name: str, options: dict[str, Any]
 ) -> _Answer:
     from holdfast.presentation.studies.certificate import largest_text
-    from holdfast.studies.largest_certified import largest_certified, write_largest
+    from holdfast.studies.certification import largest_certified, write_largest
 
     def missing(found: Any) -> str | None:
         said = f"the limit of {found.key} was not found; look elsewhere with --between"

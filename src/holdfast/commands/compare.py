@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from holdfast.commands.options import simulation_options
-from holdfast.host.writing import check_writable
+from holdfast.host.files import check_writable
 from holdfast.studies.progress import bar
 
 

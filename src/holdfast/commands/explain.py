@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from holdfast.errors import ScenarioError
-from holdfast.host.writing import check_writable, make_folder
+from holdfast.host.files import check_writable, make_folder
 
 
 def _a_number(context: click.Context, parameter: click.Parameter, value: float) -> float:
@@ -71,7 +71,7 @@ def command(
         )
         text = derived.latex() if latex else derived.text()
     if markdown is not None:
-        from holdfast.host.writing import atomic_file
+        from holdfast.host.files import atomic_file
 
         make_folder(markdown.parent, "--markdown")
         with atomic_file(markdown) as partial:

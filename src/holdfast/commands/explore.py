@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from holdfast.host.writing import atomic_file, check_writable, make_folder
+from holdfast.host.files import atomic_file, check_writable, make_folder
 
 
 @click.command("explore")

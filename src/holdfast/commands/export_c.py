@@ -9,7 +9,7 @@ import click
 
 from holdfast.commands.options import set_option
 from holdfast.errors import ScenarioError
-from holdfast.host.writing import check_writable
+from holdfast.host.files import check_writable
 from holdfast.studies.progress import bar
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def command(
         export_c_table,
         numbers_of,
     )
-    from holdfast.host.writing import make_folder, write_text
+    from holdfast.host.files import make_folder, write_text
     from holdfast.scenario.kinds.closed_loop import Scenario
     from holdfast.scenario.load import load_scenario
 

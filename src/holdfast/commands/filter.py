@@ -90,7 +90,7 @@ def command(
         raise click.UsageError("--router and --namespace are of --ros2; give it too")
     if ros2 and mavlink is not None:
         raise click.UsageError("--ros2 and --mavlink are two connections; give one")
-    from holdfast.analysis.online.overshoot import crossings_text
+    from holdfast.analysis.online.safety_filter import crossings_text
     from holdfast.scenario.load import load_scenario
 
     loaded = load_scenario(scenario, overrides)

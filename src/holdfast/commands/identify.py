@@ -9,7 +9,7 @@ import click
 
 from holdfast.commands.options import NOT_ANSWERED, WHOLE, file_options
 from holdfast.errors import ScenarioError
-from holdfast.host.writing import check_writable
+from holdfast.host.files import check_writable
 from holdfast.studies.progress import bar
 
 

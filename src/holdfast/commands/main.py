@@ -16,8 +16,8 @@ import click
 from holdfast._version import __version__
 from holdfast.commands.options import ANSWERED, BAD_INPUT, NOT_ANSWERED
 from holdfast.errors import GainWarning, HoldfastError, suggestion
+from holdfast.host.files import FETCH_VARIABLE
 from holdfast.host.interruption import INTERRUPTED, SAID, end, listening
-from holdfast.host.reading import FETCH_VARIABLE
 from holdfast.host.streams import forgiving
 
 

@@ -10,7 +10,7 @@ import click
 
 from holdfast.commands.options import NOT_ANSWERED, file_options
 from holdfast.errors import ScenarioError
-from holdfast.host.writing import check_writable
+from holdfast.host.files import check_writable
 from holdfast.studies.progress import bar
 
 STANDARD = "current.speed"
@@ -98,7 +98,7 @@ def _closed_loops(scenario: str, overrides: tuple[str, ...]) -> bool:
 
 
 def _rest(scenario: str, overrides: tuple[str, ...], out: Path | None) -> None:
-    from holdfast.host.writing import make_folder, write_summary
+    from holdfast.host.files import make_folder, write_summary
     from holdfast.presentation.text.values import resting_text
     from holdfast.scenario.load import load_scenario
     from holdfast.scenario.resting import resting_places

@@ -14,6 +14,7 @@ import click
 
 from holdfast.commands.options import ANSWERED, NOT_ANSWERED
 from holdfast.errors import OutputError, ScenarioError, SimulationError
+from holdfast.host.files import check_writable, write_summary
 from holdfast.host.interruption import postponed
 from holdfast.host.streams import (
     Foot,
@@ -25,11 +26,9 @@ from holdfast.host.streams import (
     lines,
     plain,
 )
-from holdfast.host.writing import check_writable, write_summary
 
 if TYPE_CHECKING:
-    from holdfast.analysis.online.decision import DecisionRecord
-    from holdfast.analysis.online.interventions import Event
+    from holdfast.analysis.online.decision import DecisionRecord, Event
     from holdfast.interop.decision_log import DecisionLog
 
 REFRESH = 0.1
@@ -90,7 +89,7 @@ class Watch:
     """Reads decisions, and says what happened on a terminal or in lines, and in a log."""
 
     def __init__(self, gap: float | None) -> None:
-        from holdfast.analysis.online.interventions import GAP, Intervention, Interventions
+        from holdfast.analysis.online.decision import GAP, Intervention, Interventions
         from holdfast.presentation.text.interventions import Live
 
         self.seen = Interventions(GAP if gap is None else gap)

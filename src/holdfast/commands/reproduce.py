@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from holdfast.commands.options import NOT_ANSWERED, WHOLE
-from holdfast.host.writing import check_writable
+from holdfast.host.files import check_writable
 from holdfast.studies.progress import bar
 
 
@@ -52,7 +52,7 @@ def command(
 
     explorers = {}
     if not bare:
-        from holdfast.studies.thesis.explorers import write_explorers
+        from holdfast.studies.thesis.report import write_explorers
 
         with bar("pages to drag") as tell:
             explorers = write_explorers(judged, out, workers=workers, progress=tell)

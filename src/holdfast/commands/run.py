@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from holdfast.commands.options import NOT_ANSWERED, simulation_options
-from holdfast.host.writing import check_writable
+from holdfast.host.files import check_writable
 from holdfast.studies.progress import bar
 
 DEVICES = ("cpu", "gpu", "c++")

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from holdfast.errors import ScenarioError
-from holdfast.host.writing import check_writable, make_folder
+from holdfast.host.files import check_writable, make_folder
 
 
 @click.command("show")

@@ -30,9 +30,8 @@ def command() -> None:
 def add(file: str, name: str | None, licence: str, citation: str) -> None:
     """Keep FILE, or what FOLDER#NAME or https://...#NAME stands for."""
     from holdfast.analysis.decomposition.parts_value import PartsValue
-    from holdfast.analysis.kernel_store import Store, entry_of
+    from holdfast.analysis.kernel_store import Store, entry_of, found
     from holdfast.analysis.load import load
-    from holdfast.analysis.published_kernels import found
     from holdfast.analysis.reachability.value_function import ValueFunction
 
     store = Store()

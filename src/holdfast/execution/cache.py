@@ -22,7 +22,7 @@ from pathlib import Path
 import platformdirs
 
 from holdfast.errors import CacheWarning, OutputError
-from holdfast.host.writing import atomic_file, discarded_at_the_end
+from holdfast.host.files import atomic_file, discarded_at_the_end
 
 ROOM = 20 * 2**20
 """Bytes of free space required: compiled code of a few closed loops."""

@@ -2,6 +2,8 @@
 
 A leaf contains one program; the loops that call leaves contain none and are compiled once. LLVM
 compiles a leaf in some hundredths of a second, through llvmlite.
+
+Expressions of the state become a leaf for values at many points in one call.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -17,9 +19,12 @@ import llvmlite
 import llvmlite.binding as llvm
 import numpy as np
 
+from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.cache import Stored
 from holdfast.execution.codegen.llvm_text import LANES, Leaf, leaves_text
+from holdfast.execution.codegen.lowering import leaf_of
+from holdfast.maths.definitions.quantity import Parameter
 
 BLOCK = 1024
 """Points that are computed together: their columns stay in the processor's cache."""
@@ -202,3 +207,35 @@ def _engine(code: bytes) -> Any:
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine
+
+
+class Evaluator:
+    """values(points)[i, j] = expressions[j] at points[i].
+
+    `arguments` are the symbols of the columns of `points`. `parameters` give the values of their
+    symbols unless `given` replaces them; of two with one name the last counts. Raises
+    `DefinitionError` for an expression with any other symbol, `SimulationError` for points of
+    another shape.
+    """
+
+    def __init__(
+        self,
+        expressions: Sequence[Any],
+        arguments: Sequence[Any],
+        parameters: Sequence[Parameter],
+    ) -> None:
+        self.count, self.width = len(expressions), len(arguments)
+        self.parameters = tuple({q.name: q for q in parameters}.values())
+        arrays = {"q": list(arguments), "p": [q.symbol for q in self.parameters]}
+        self._leaves = compiled_leaves({"values": leaf_of(arrays, expressions)})
+
+    def values(self, points: Array, given: Mapping[str, float] | None = None) -> Array:
+        """The values at points of shape (count, arguments), shape (count, expressions)."""
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != self.width:
+            raise SimulationError(
+                f"points have the shape {points.shape}", expected=f"(count, {self.width})"
+            )
+        chosen = {q.name: q.value for q in self.parameters} | dict(given or {})
+        numbers = np.array(list(chosen.values()), dtype=np.float64)
+        return self._leaves.values("values", len(points), self.count, points, numbers)

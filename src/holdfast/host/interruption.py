@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
-from holdfast.host.writing import discard_unfinished
+from holdfast.host.files import discard_unfinished
 
 INTERRUPTED = 128 + signal.SIGINT
 GRACE = 1.0

@@ -11,7 +11,7 @@ import sympy as sp
 
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.control_sample import Controller, OneRun
 from holdfast.execution.simulation.settings import Settings

@@ -20,8 +20,7 @@ from typing import Any
 
 from mcap.writer import Writer
 
-from holdfast.analysis.online.decision import DecisionRecord, Status
-from holdfast.analysis.online.interventions import GRAVITY, Event
+from holdfast.analysis.online.decision import GRAVITY, DecisionRecord, Event, Status
 from holdfast.errors import OutputError
 
 NANO = 1_000_000_000

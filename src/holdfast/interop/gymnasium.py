@@ -12,7 +12,7 @@ from holdfast.analysis.online.decision import Decision
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import Array
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.interop.numeric_system import Numeric
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System

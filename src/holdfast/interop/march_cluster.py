@@ -29,7 +29,7 @@ from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.level_set.slab import Edges, Part
 from holdfast.execution.level_set.sweeping import StageAnswer, StageOrder
-from holdfast.execution.working_room import Memory
+from holdfast.execution.resources import Memory
 from holdfast.interop.cluster import connected
 from holdfast.maths.games.hamiltonian import Hamiltonian
 

@@ -11,8 +11,8 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import Array
-from holdfast.execution.codegen.controller_program import controller_program
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.codegen.closed_loop_program import controller_program
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME, Parameter, symbol

@@ -12,7 +12,7 @@ import numpy as np
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import Array
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.system import System
 

@@ -21,7 +21,7 @@ import shapely.ops
 
 from holdfast.errors import DefinitionError, ScenarioError
 from holdfast.execution.arrays import Array
-from holdfast.host.reading import read_small_text
+from holdfast.host.files import read_small_text
 from holdfast.maths.formations.footprint import Edge, edges, polygon
 
 Point = tuple[float, float]

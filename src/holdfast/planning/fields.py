@@ -11,7 +11,7 @@ import numpy as np
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import Array
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.formations.cell_field import (
     Field,

@@ -12,8 +12,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.quantity import Parameter
-from holdfast.maths.definitions.region import Inequality, Region
-from holdfast.maths.definitions.scene import Segment
+from holdfast.maths.definitions.region import Inequality, Region, Segment
 from holdfast.maths.definitions.system import System
 from holdfast.maths.formations.walls import signed_distance
 

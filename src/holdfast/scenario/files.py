@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.errors import ScenarioError, suggestion
-from holdfast.host.reading import read_small_text
+from holdfast.host.files import read_small_text
 from holdfast.maths.catalogue import fields, systems
 from holdfast.maths.definitions.system import System
 from holdfast.maths.reference_fields.field import Field
@@ -138,7 +138,7 @@ def load_system(name: str, overrides: Iterable[str] = ()) -> System:
     table = data.get("system")
     if not isinstance(table, Mapping):
         raise ScenarioError(f"{shown}: no table [system]")
-    from holdfast.scenario.build.system import composed_system, plant_of
+    from holdfast.scenario.build.composer import composed_system, plant_of
 
     composer = Composer(shown)
     return plant_of(composer, composed_system(composer, table), table)

@@ -19,7 +19,7 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.vehicle_file import read_vehicle, vehicle_names
 from holdfast.maths.reference_fields.facts import field_facts
 from holdfast.maths.reference_fields.field import Field
-from holdfast.presentation.text.mathematics import equations
+from holdfast.presentation.text.derivation import equations
 from holdfast.scenario.files import load_field, load_system, read_tables, read_text, scenario_names
 from holdfast.scenario.kinds.parts import PartsScenario
 from holdfast.scenario.load import load_scenario

@@ -18,7 +18,7 @@ from holdfast.analysis.certificates.law_written import written
 from holdfast.analysis.certificates.problem import ROUNDED, parameters_of, parts_of
 from holdfast.analysis.certificates.reading import unchecked
 from holdfast.errors import OutputError, ScenarioError
-from holdfast.maths.definitions.lookup import CellLookup
+from holdfast.maths.definitions.law import CellLookup
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.expressions.traversal import plain_text

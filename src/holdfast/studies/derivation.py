@@ -15,10 +15,15 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.system import System
 from holdfast.maths.nonholonomic.chained_search import Growth, Search, find_chained_form, growth
-from holdfast.maths.nonholonomic.field_following import Alignment, alignment
-from holdfast.maths.nonholonomic.structure import Structure, structure
-from holdfast.presentation.text.derivation import Equation, Step, steps
-from holdfast.presentation.text.mathematics import equations, latex, latex_name
+from holdfast.maths.nonholonomic.structure import Alignment, Structure, alignment, structure
+from holdfast.presentation.text.derivation import (
+    Equation,
+    Step,
+    equations,
+    latex,
+    latex_name,
+    steps,
+)
 
 
 @dataclass(frozen=True)

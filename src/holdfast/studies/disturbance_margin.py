@@ -15,8 +15,7 @@ from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.units import to_si
-from holdfast.maths.games.hamiltonian import hamiltonian
-from holdfast.maths.games.monotone_flux import is_sharp
+from holdfast.maths.games.hamiltonian import hamiltonian, is_sharp
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
 from holdfast.scenario.load import check_overrides

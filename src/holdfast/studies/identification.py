@@ -15,14 +15,13 @@ import tomlkit
 
 from holdfast.analysis.identification.identified import Identified
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
-from holdfast.host.reading import read_small_text
-from holdfast.host.writing import make_folder, write_summary, write_text
+from holdfast.host.files import make_folder, read_small_text, write_summary, write_text
 from holdfast.maths.catalogue import systems
 from holdfast.maths.control.unmodelled import PREFIX
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.vehicle_file import read_vehicle, vehicle_names
 from holdfast.maths.expressions.parser import parse_expression
-from holdfast.scenario.build.system import REDUCTIONS
+from holdfast.scenario.build.composer import REDUCTIONS
 from holdfast.scenario.edited import Number, edited_text, numbered_vehicle
 from holdfast.scenario.files import load_system, read_tables, scenario_names
 from holdfast.scenario.kinds.kernel import KernelResult

@@ -12,7 +12,7 @@ from holdfast.analysis.certificates.flowpipe import Flowpipe, flowpipe
 from holdfast.analysis.certificates.law_keeps import LawJudgement, judge_law
 from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.errors import ScenarioError, SimulationError
-from holdfast.host.writing import make_folder, write_summary
+from holdfast.host.files import make_folder, write_summary
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import load_scenario
 from holdfast.scenario.validation import at

@@ -8,7 +8,7 @@ from holdfast.analysis.reachability.solve import Margin
 from holdfast.analysis.simulation.law_comparison import Comparison
 from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.analysis.simulation.tuning import Tuning
-from holdfast.host.writing import make_folder, saved, write_summary, write_text
+from holdfast.host.files import make_folder, saved, write_summary, write_text
 
 
 def write_margin(found: Margin, folder: Path, *, figures: bool) -> list[Path]:

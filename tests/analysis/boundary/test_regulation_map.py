@@ -12,11 +12,11 @@ from scipy.optimize import brentq, linprog
 import holdfast as hf
 from holdfast.analysis.boundary.boundary import (
     Boundary,
+    check_viability,
     contingent_cone,
     generators,
     regulation_map,
 )
-from holdfast.analysis.boundary.viability_check import check_viability
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.maths.control.barrier_conditions import viability_conditions
 

@@ -125,7 +125,7 @@ def test_series_that_the_search_takes_are_the_same():
 
     from holdfast.execution.arithmetic.steps import Steps
     from holdfast.execution.codegen.llvm_text import Leaf
-    from holdfast.execution.intervals.interval import pairs
+    from holdfast.execution.intervals.enclosure import pairs
     from holdfast.execution.intervals.tape import Tape as Searched
     from holdfast.execution.leaf import compiled_leaves
 

@@ -10,7 +10,7 @@ import pytest
 from holdfast.execution.arithmetic.steps import Steps, choose
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.intervals import law_ranges
-from holdfast.execution.intervals.interval import pairs
+from holdfast.execution.intervals.enclosure import pairs
 from holdfast.execution.intervals.tape import number
 from holdfast.execution.leaf import compiled_leaves
 from holdfast_check import safeguard

@@ -8,7 +8,7 @@ import holdfast as hf
 from holdfast.analysis.decomposition.decompose import lag_free
 from holdfast.analysis.decomposition.guaranteed import affine_in
 from holdfast.errors import SimulationError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.expressions.functions import magnitude
 from tests.parted_systems import symbols
 

@@ -11,8 +11,8 @@ from holdfast.analysis.reachability.divided_march import Here
 from holdfast.analysis.reachability.march_part import MarchPart
 from holdfast.analysis.reachability.memory_estimate import traffic
 from holdfast.errors import OutputError, SimulationError, SlowWarning
-from holdfast.execution import resources, working_room
-from holdfast.execution.level_set import over_grid, sweeping
+from holdfast.execution import resources
+from holdfast.execution.level_set import march, sweeping
 from tests.divided_marches import (
     PLACE,
     ROBOT,
@@ -124,7 +124,7 @@ def test_a_march_from_a_disk_whose_stages_do_not_has_the_same_answer(problem, op
 def test_obstacles_that_move_are_renewed_some_planes_at_a_time(monkeypatch):
     whole, parts = moving_set(scheme="eno2"), Here(1, count=3, by_step=STAGE)
     monkeypatch.setattr(march_part, "NODES_RENEWED_AT_ONCE", 1000)  # two planes
-    monkeypatch.setattr(over_grid, "TOGETHER", 600)  # of which a part may have one and a half
+    monkeypatch.setattr(march, "TOGETHER", 600)  # of which a part may have one and a half
     same(whole, moving_set(scheme="eno2"))
     same(whole, moving_set(scheme="eno2", cluster=parts))
 
@@ -144,7 +144,7 @@ def test_any_march_goes_on_from_the_checkpoint_of_another(ends, tmp_path):
         if share > 0.25:
             raise KeyboardInterrupt
 
-    begins = ends | {"room": working_room.Disk(tmp_path / "disk")} if "room" in ends else ends
+    begins = ends | {"room": resources.Disk(tmp_path / "disk")} if "room" in ends else ends
     options = {"checkpoint": tmp_path, "checkpoint_every": 0}
     with pytest.raises(KeyboardInterrupt):
         basin(**options, progress=stop, cluster=Here(1, **begins))

@@ -7,7 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 
 NEAR = {"x": (-2, -0.3), "y": (-1.5, 1.5), "u": (-0.3, 0.3)}
 

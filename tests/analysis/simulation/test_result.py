@@ -331,7 +331,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path, command):
 def test_what_was_computed_is_kept_elsewhere_where_its_folder_is_full(
     result, tmp_path, monkeypatch
 ):
-    from holdfast.host.writing import saved as _saved
+    from holdfast.host.files import saved as _saved
 
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with pytest.raises(OutputError, match="the results are in") as caught:

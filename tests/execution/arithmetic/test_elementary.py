@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from holdfast.execution.arithmetic import basics, exponential, trigonometric
+from holdfast.execution.arithmetic import basics, elementary
 from holdfast.execution.arithmetic.steps import Steps, choose
 from holdfast.execution.codegen.llvm_text import LANES, Leaf
 from holdfast.execution.leaf import columns, compiled_leaves, padded
@@ -35,33 +35,33 @@ HARD = np.array([6381956970095103.0 * 2.0**797, 5.319372648326541e255, 2.0**1023
 ANGLES = np.concatenate([spread(1e-300, 1e300), spread(1e-3, 1e6), QUARTERS, HARD])
 UNIT = np.clip(np.concatenate([spread(1e-300, 1.0), 1 - spread(1e-16, 1.0), around(0.5, 1)]), -1, 1)
 CASES = {
-    "sin": (lambda x: trigonometric.sine_and_cosine(x)[0], mpmath.sin, ANGLES, 0.80),
-    "cos": (lambda x: trigonometric.sine_and_cosine(x)[1], mpmath.cos, ANGLES, 0.80),
-    "tan": (trigonometric.tangent, mpmath.tan, ANGLES, 0.95),
-    "asin": (trigonometric.arcsine, mpmath.asin, UNIT, 0.70),
-    "acos": (trigonometric.arccosine, mpmath.acos, UNIT, 0.75),
+    "sin": (lambda x: elementary.sine_and_cosine(x)[0], mpmath.sin, ANGLES, 0.80),
+    "cos": (lambda x: elementary.sine_and_cosine(x)[1], mpmath.cos, ANGLES, 0.80),
+    "tan": (elementary.tangent, mpmath.tan, ANGLES, 0.95),
+    "asin": (elementary.arcsine, mpmath.asin, UNIT, 0.70),
+    "acos": (elementary.arccosine, mpmath.acos, UNIT, 0.75),
     "atan": (
-        trigonometric.arctangent,
+        elementary.arctangent,
         mpmath.atan,
         np.concatenate([spread(1e-300, 1e300), spread(0.1, 10), around(7 / 16, 11 / 16, 1)]),
         0.66,
     ),
     "exp": (
-        exponential.exponential,
+        elementary.exponential,
         mpmath.exp,
         np.concatenate([spread(1e-300, 700), GENERATOR.uniform(-745, 709.7, COUNT)]),
         0.75,
     ),
     "log": (
-        exponential.logarithm,
+        elementary.logarithm,
         mpmath.log,
         np.abs(np.concatenate([spread(1e-320, 1e300), 1 + spread(1e-15, 0.5), around(1, 0.7071)])),
         0.90,
     ),
-    "sinh": (exponential.hyperbolic_sine, mpmath.sinh, spread(1e-300, 710), 0.80),
-    "cosh": (exponential.hyperbolic_cosine, mpmath.cosh, spread(1e-300, 710), 0.80),
+    "sinh": (elementary.hyperbolic_sine, mpmath.sinh, spread(1e-300, 710), 0.80),
+    "cosh": (elementary.hyperbolic_cosine, mpmath.cosh, spread(1e-300, 710), 0.80),
     "tanh": (
-        exponential.hyperbolic_tangent,
+        elementary.hyperbolic_tangent,
         mpmath.tanh,
         np.concatenate([spread(1e-300, 30), around(0.625), GENERATOR.uniform(-2, 2, COUNT)]),
         0.85,
@@ -70,9 +70,9 @@ CASES = {
 """name -> (steps, multiple precision, arguments, largest error in units of the last place)."""
 
 PAIRS = {
-    "atan2": (trigonometric.angle_of, mpmath.atan2, spread(1e-20, 1e20), spread(1e-20, 1e20), 0.68),
+    "atan2": (elementary.angle_of, mpmath.atan2, spread(1e-20, 1e20), spread(1e-20, 1e20), 0.68),
     "pow": (
-        exponential.power,
+        elementary.power,
         mpmath.power,
         np.abs(spread(1e-100, 1e100)),
         GENERATOR.uniform(-3, 3, COUNT),

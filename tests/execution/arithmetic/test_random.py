@@ -5,8 +5,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.execution.arithmetic.random import number, philox, two_uniforms, whole
-from holdfast.execution.codegen.lane_leaves import made
+from holdfast.execution.codegen.lane_leaves import made, number, philox, two_uniforms, whole
 from holdfast.execution.leaf import compiled_leaves
 
 

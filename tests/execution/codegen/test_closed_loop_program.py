@@ -13,7 +13,7 @@ from holdfast.errors import DefinitionError, OutputError
 from holdfast.execution import leaf
 from holdfast.execution.cache import cache_directory
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.expressions.functions import angle, greatest, least, length, select, sgn, wrap

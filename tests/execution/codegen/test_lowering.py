@@ -12,10 +12,10 @@ import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic.steps import Steps
 from holdfast.execution.codegen.lowering import lowered
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
+from holdfast.maths.expressions.canonical import FUNCTIONS
 from holdfast.maths.expressions.functions import angle, greatest, least, length, select, sgn, wrap
 from holdfast.maths.expressions.parser import parse_expression
-from holdfast.maths.expressions.vocabulary import FUNCTIONS
 
 X, Y = sp.symbols("x y", real=True)
 POINTS = np.random.default_rng(3).uniform(0.05, 0.95, (37, 2))

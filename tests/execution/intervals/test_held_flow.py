@@ -8,8 +8,8 @@ import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic.steps import Steps
 from holdfast.execution.codegen.llvm_text import Leaf
+from holdfast.execution.intervals.enclosure import Interval
 from holdfast.execution.intervals.held_flow import HeldFlow
-from holdfast.execution.intervals.interval import Interval
 from holdfast.execution.leaf import compiled_leaves
 from holdfast.maths.catalogue.signature import example
 

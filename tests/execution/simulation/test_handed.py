@@ -5,7 +5,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import SimulationError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 
 
 def by_hand(system, law):

@@ -14,8 +14,7 @@ from holdfast.errors import HoldfastError, OutputError, SimulationError
 
 pytest.importorskip("pandas", reason="needs holdfast[interop]")
 
-from holdfast.interop.logs.read import read_log
-from holdfast.interop.logs.write import write_log
+from holdfast.interop.logs.read import read_log, write_log
 
 BOAT = hf.systems.marine_vehicle()
 T = np.arange(20) * 0.1

@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, HoldfastError, ScenarioError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.catalogue.vehicles import vehicle_of
 from holdfast.maths.definitions.bounds import AllocatedImage
 from holdfast.maths.definitions.thruster import Thruster, actuation

@@ -8,7 +8,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.control.barrier_conditions import unused_inputs
 
 X, Y, HEADING, V, ACC, SLIP, W = (hf.symbol(n) for n in ("x", "y", "th", "v", "a", "b", "w"))

@@ -9,7 +9,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, ScenarioError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.control.barrier_conditions import viability_conditions
 from holdfast.maths.control.parameter_box import parameter_box
 from holdfast.maths.expressions.functions import magnitude

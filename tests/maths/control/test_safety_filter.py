@@ -10,7 +10,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.outcomes import SafeguardAnswer
 from holdfast.maths.expressions.functions import wrap
 

@@ -8,7 +8,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, ScenarioError
-from holdfast.maths.control.set_observer import worst_of
+from holdfast.maths.control.observer import worst_of
 from holdfast.maths.definitions.law import Safeguard
 from holdfast.maths.expressions.functions import greatest
 from tests.drifts import drifting, told

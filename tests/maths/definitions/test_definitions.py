@@ -5,7 +5,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.lookup import Lookup
+from holdfast.maths.definitions.law import Lookup
 
 X, Y, PSI, V = (hf.symbol(n) for n in ("x", "y", "psi", "v"))
 STATES = (hf.Quantity("x", "m"), hf.Quantity("y", "m"), hf.Quantity("psi", "rad", angle=True))

@@ -6,7 +6,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.expressions.canonical import canonical
 from holdfast.maths.expressions.functions import angle, length
 from holdfast.maths.expressions.traversal import parts

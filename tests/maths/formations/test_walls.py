@@ -6,7 +6,7 @@ import shapely
 import sympy as sp
 
 import holdfast as hf
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.formations.walls import sight_distance, wall_distance
 
 AX, AY, BX, BY = (hf.symbol(n) for n in ("ax", "ay", "bx", "by"))

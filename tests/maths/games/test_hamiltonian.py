@@ -8,7 +8,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.games.monotone_flux import monotone_flux
+from holdfast.maths.games.hamiltonian import monotone_flux
 from tests.conftest import number_at
 
 X, Y, U, W, D = (hf.symbol(n) for n in ("x", "y", "u", "w", "d"))

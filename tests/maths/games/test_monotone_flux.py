@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.maths.games.monotone_flux import is_sharp, monotone_flux
+from holdfast.maths.games.hamiltonian import is_sharp, monotone_flux
 from tests.conftest import number_at
 
 X, Y, U, W, D, E = (hf.symbol(n) for n in ("x", "y", "u", "w", "d", "e"))

@@ -9,7 +9,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from tests.conftest import number_at
 
 X, Y, U, V, H, D = (hf.symbol(n) for n in ("x", "y", "u", "v", "h", "d"))

@@ -9,8 +9,8 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.definitions.flat_output import Antiderivative, FlatOutput
+from holdfast.execution.leaf import Evaluator
+from holdfast.maths.definitions.system import Antiderivative, FlatOutput
 from holdfast.maths.nonholonomic.chained_search import derived_flag
 from holdfast.maths.nonholonomic.null_space import kinematic_system
 from holdfast.maths.nonholonomic.structure import structure

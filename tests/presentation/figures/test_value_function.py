@@ -10,7 +10,7 @@ from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.errors import OutputError, SimulationError
-from holdfast.maths.definitions.scene import Circle, Segment
+from holdfast.maths.definitions.region import Circle, Segment
 from holdfast.presentation.figures import level_sets
 
 STATES = {

@@ -24,8 +24,7 @@ from holdfast.scenario.files import read_tables
 from holdfast.scenario.load import scenario_of
 from holdfast.studies.scenario_parameter import find_knob
 from holdfast.studies.sweep import sweep as module
-from holdfast.studies.sweep.sweep import store
-from holdfast.studies.sweep.table import grid_cells, latin_cells, read_over
+from holdfast.studies.sweep.sweep import grid_cells, latin_cells, read_over, store
 from tests.command_line import holdfast
 from tests.scenario_files import DRIFTING, LINE
 

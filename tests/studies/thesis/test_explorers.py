@@ -13,9 +13,8 @@ import pytest
 import holdfast as hf
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.schema.claims import TrialSpec
-from holdfast.studies.thesis import explorers as module
-from holdfast.studies.thesis.explorers import Explorer, explored, write_explorers
-from holdfast.studies.thesis.report import write_report
+from holdfast.studies.thesis import report as module
+from holdfast.studies.thesis.report import Explorer, explored, write_explorers, write_report
 from holdfast.studies.thesis.reproduce import CHAPTERS, Found, Judged, chapter
 from tests.judged_claims import SHORT, claim, unicycle
 

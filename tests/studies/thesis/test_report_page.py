@@ -7,8 +7,7 @@ from holdfast.execution.simulation.outcomes import OUTCOMES
 from holdfast.presentation.figures import style
 from holdfast.presentation.html.interactive import FINENESS, INK, MOST_RUNS, paths_data
 from holdfast.scenario.load import load_scenario
-from holdfast.studies.thesis.explorers import Explorer, explored
-from holdfast.studies.thesis.report import write_report
+from holdfast.studies.thesis.report import Explorer, explored, write_report
 from tests.browser import needs_browser, opened
 from tests.judged_claims import judged_in
 

@@ -3,7 +3,7 @@
 The contingent cone is that of the velocities that keep a state in a region; the regulation map that
 of the inputs that do. When the linearised cone of active constraints is the contingent cone:
 
-{ v : g_i . v <= 0 for every active i },   g_i = grad c_i
+    { v : g_i . v <= 0 for every active i },   g_i = grad c_i
 
 Linear constraints alone need nothing more: the ray along v stays inside (Abadie). Beside others it
 suffices that some v has g . v < 0 for these and g . v <= 0 for the linear ones (Mangasarian and
@@ -13,6 +13,8 @@ dependent, redundant and opposed gradients are no obstacle to either.
 Two constraints c <= 0 and -c <= 0 that are not linear are an equality, and the region has no
 interior: their gradients have to be independent, and v tangent to them, with g . v < 0 for all
 constraints that are no equalities. O. L. Mangasarian, Nonlinear Programming (1969), chapter 11.
+
+A region's viability is checked by samples: the worst state of many on its boundary is told.
 """
 
 from __future__ import annotations
@@ -28,10 +30,11 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
+from holdfast.analysis.reachability.grid import whole
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError, suggestion
 from holdfast.execution.arrays import Array
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
 from holdfast.maths.definitions.quantity import Quantity, merge_parameters
 from holdfast.maths.definitions.region import Region
@@ -120,12 +123,12 @@ def _independent(rows: Array) -> Array:
 class ContingentCone:
     """T_K(q) = { v : normals v <= 0 }: the velocities along which q does not leave the region.
 
-     This is the linearised cone. It is the contingent cone where the constraints are `qualified`
-    : linear ones always are. Where they are not, as at a cusp, the
-     contingent cone may be smaller, and a velocity of this one may leave the region.
+    This is the linearised cone. It is the contingent cone where the constraints are `qualified`:
+    linear ones always are. Where they are not, as at a cusp, the contingent cone may be smaller,
+    and a velocity of this one may leave the region.
 
-     `normals` are the gradients of the active pieces (none: every velocity). Every such v is
-     a combination of the rows of `rays` with weights >= 0 and of those of `lines` with any.
+    `normals` are the gradients of the active pieces (none: every velocity). Every such v is
+    a combination of the rows of `rays` with weights >= 0 and of those of `lines` with any.
     """
 
     state: Array
@@ -596,3 +599,116 @@ def contingent_cone(
     """The velocities that keep `state` inside `region`: see `Boundary.contingent_cone`."""
     boundary = Boundary(system, region, parameters=parameters, tolerance=tolerance)
     return boundary.contingent_cone(state)
+
+
+@dataclass(frozen=True)
+class ViabilityCheck:
+    """The findings at the sampled states of the boundary.
+
+    `states` (count, n). `margins`: at each state minus the best input's worst outward rate; below
+    0 no input keeps the state inside (minus infinity: an inequality is being crossed and the input
+    acts only on its second derivative). `active`: the inequalities there. `worst` is the state of
+    the least margin, `viable` whether every margin is >= 0. A sample can prove that a region is
+    not a viability domain, never that it is one. Margins are in the units of the constraints'
+    derivatives. If inputs act only on the second derivative, random states have dc/dt < 0 (any
+    input is sufficient) or dc/dt > 0 (no input is): the share is then that of the states that are
+    not yet leaving.
+    """
+
+    states: Array
+    margins: Array
+    active: tuple[tuple[str, ...], ...]
+
+    @property
+    def viable(self) -> bool:
+        return bool((self.margins >= -1e-9).all())
+
+    @property
+    def share(self) -> float:
+        """The share of the sampled boundary states at which some input keeps the state inside."""
+        return float((self.margins >= -1e-9).mean())
+
+    @property
+    def worst(self) -> tuple[Array, float, tuple[str, ...]]:
+        """The state of the least margin, that margin, and the active inequalities."""
+        index = int(np.argmin(self.margins))
+        return self.states[index], float(self.margins[index]), self.active[index]
+
+
+@checked
+def check_viability(
+    boundary: Boundary,
+    box: Mapping[str, tuple[float, float]],
+    *,
+    count: int = 500,
+    seed: int = 0,
+    disturbance: Mapping[str, float] | str = "none",
+) -> ViabilityCheck:
+    """Evaluate the regulation map at `count` random states of the boundary within `box`.
+
+    `box` maps states to (lowest, highest); missing ones are 0. A random ray from a random
+    state of the region is followed to its exit. Raises `SimulationError` when the
+    box holds no state of the region, or none of its rays leaves the region within the box.
+    """
+    names = boundary.system.state_names
+    if not (isinstance(count, int) and count >= 1):
+        raise SimulationError(f"count is {count!r}", expected="a whole number, at least 1")
+    whole("seed: ", seed, 0)
+    for name, sides in box.items():
+        if name not in names:
+            raise SimulationError(f"'{name}' is not a state", remedy=suggestion(name, names))
+        if len(sides) != 2:
+            raise SimulationError(f"the box of '{name}' is {sides!r}", expected="lowest, highest")
+    low, high = (np.array([box.get(n, (0.0, 0.0))[i] for n in names], float) for i in (0, 1))
+    if not (np.isfinite([low, high]).all() and (low <= high).all()):
+        raise SimulationError("the box is not finite", expected="lowest first, finite numbers")
+    generator = np.random.default_rng(seed)
+    found: list[Array] = []
+    for _ in range(200):
+        inside = generator.uniform(low, high, (4 * count, len(names)))
+        inside = inside[boundary.worst(inside) < 0]
+        if not len(inside):
+            continue
+        direction = generator.normal(size=inside.shape) * (high - low)
+        found.append(_leaving(boundary, inside, direction, low, high))
+        if sum(map(len, found)) >= count:
+            break
+    states = np.vstack(found)[:count] if found else np.zeros((0, len(names)))
+    if not len(states):
+        raise SimulationError(
+            "no state of the region's boundary was found in the box",
+            expected="a box that the boundary passes through",
+        )
+    margins, active = np.empty(len(states)), []
+    for i, state in enumerate(states):
+        answer = boundary.regulation_map(state, disturbance=disturbance)
+        margins[i] = -math.inf if answer.hopeless else -answer.least_violation()[1]
+        if not (answer.conditions or answer.hopeless) and not boundary.active_set(state):
+            raise SimulationError(
+                "a sampled state of the boundary has no active inequality",
+                remedy="raise the tolerance of the boundary",
+            )
+        active.append((*answer.conditions, *answer.hopeless))
+    return ViabilityCheck(states, margins, tuple(active))
+
+
+def _leaving(boundary: Boundary, start: Array, direction: Array, low: Array, high: Array) -> Array:
+    """The exit points of rays from inside the region, as far as they are within the box."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.where(direction > 0, (high - start) / direction, (low - start) / direction)
+    reach = np.where(direction == 0, np.inf, reach).min(axis=1)
+    steps = np.linspace(0.0, 1.0, 65)[1:]
+    inside, outside = np.zeros(len(start)), np.full(len(start), np.nan)
+    for step in steps:  # the first crossing, not the last
+        open_ = np.isnan(outside)
+        here = boundary.worst(start + (step * reach)[:, None] * direction)
+        outside = np.where(open_ & (here > 0), step * reach, outside)
+        inside = np.where(open_ & (here <= 0), step * reach, inside)
+    left = ~np.isnan(outside)
+    start, direction, inside, outside = (a[left] for a in (start, direction, inside, outside))
+    for _ in range(60):
+        middle = 0.5 * (inside + outside)
+        good = boundary.worst(start + middle[:, None] * direction) <= 0
+        inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
+    points: Array = start + inside[:, None] * direction
+    return points

@@ -19,7 +19,7 @@ from holdfast.analysis.certificates.kept_set import Kept
 from holdfast.analysis.certificates.law_written import written
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.held_flow import Sampling
-from holdfast.host.writing import atomic_file
+from holdfast.host.files import atomic_file
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.expressions.traversal import exact, plain_text
 

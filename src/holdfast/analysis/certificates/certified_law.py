@@ -15,9 +15,8 @@ from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.problem import ROUNDED
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.lookup import CellLookup
+from holdfast.execution.leaf import Evaluator
+from holdfast.maths.definitions.law import CellLookup, Law
 from holdfast.maths.definitions.quantity import Parameter, Quantity
 from holdfast.maths.definitions.sets.box import Box
 from holdfast.maths.definitions.system import System

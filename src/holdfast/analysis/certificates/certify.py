@@ -58,8 +58,8 @@ from holdfast.analysis.certificates.problem import (
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
+from holdfast.execution.intervals.enclosure import TURN
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
-from holdfast.execution.intervals.interval import TURN
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching

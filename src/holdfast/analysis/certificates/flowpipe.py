@@ -28,8 +28,7 @@ from holdfast.analysis.certificates.law_written import written
 from holdfast.analysis.certificates.problem import check_among, errors_of, parameters_of, ranges_of
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, SimulationError
-from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.law_cases import LawCases, Option
+from holdfast.maths.definitions.law import Law, LawCases, Option
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System

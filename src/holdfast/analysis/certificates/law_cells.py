@@ -20,18 +20,24 @@ from holdfast.analysis.certificates.certificate import Range
 from holdfast.analysis.certificates.images import BLOCK, where
 from holdfast.analysis.certificates.kept_set import Kept
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
+from holdfast.execution.codegen.closed_loop_program import ControllerProgram, controller_program
 from holdfast.execution.intervals.held_flow import HeldFlow
 from holdfast.execution.intervals.law_ranges import MOST_SETS, LawRanges, sets_of
 from holdfast.execution.resources import check_memory
 from holdfast.maths.definitions.bounds import Box
-from holdfast.maths.definitions.law import Law, Safeguard
-from holdfast.maths.definitions.law_cases import Conditions, LawCases, Option, Program
-from holdfast.maths.definitions.lookup import CellLookup
+from holdfast.maths.definitions.law import (
+    CellLookup,
+    Conditions,
+    Law,
+    LawCases,
+    Option,
+    Program,
+    Safeguard,
+)
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.branches import branches
+from holdfast.maths.expressions.canonical import branches
 from holdfast.maths.expressions.functions import least
 from holdfast.maths.expressions.traversal import exact, exchanged, symbols_of
 

@@ -12,8 +12,7 @@ import numpy as np
 import sympy as sp
 
 from holdfast.execution.intervals.law_ranges import TableRanges
-from holdfast.maths.definitions.law_cases import LawCases, Option, Program
-from holdfast.maths.definitions.lookup import Lookup
+from holdfast.maths.definitions.law import LawCases, Lookup, Option, Program
 from holdfast.maths.definitions.quantity import TIME_IN_MODE
 
 MOST_OF_NODES, ROOM = 64, 1 << 20

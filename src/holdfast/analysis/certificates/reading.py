@@ -41,7 +41,7 @@ from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, HoldfastError, OutputError
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import Sampling
-from holdfast.maths.definitions.law_cases import LawCases, Option, Program
+from holdfast.maths.definitions.law import LawCases, Option, Program
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.expressions import functions
 from holdfast.maths.expressions.syntax import syntax_tree

@@ -2,7 +2,7 @@
 
 Rates and inequalities are made affine in some symbols, with a bound of what that leaves out:
 
-e(z, a, w) = e(z, m, w) + sum_k g_k(z) (a_k - m_k) + rest,   |rest| <= bound
+    e(z, a, w) = e(z, m, w) + sum_k g_k(z) (a_k - m_k) + rest,   |rest| <= bound
 
 for all z in a box, w in theirs and |a_k - m_k| <= A_k. Where de/da is continuous the bound is
 

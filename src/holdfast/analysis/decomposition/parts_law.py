@@ -2,7 +2,7 @@
 
 Actuators that lag, under commands that are held and that follow old measurements:
 
-T a' = s(u) - a,   s(u) = a_m + k (s(w) - a_m)
+    T a' = s(u) - a,   s(u) = a_m + k (s(w) - a_m)
 
 a_m is the measured thrust. While u is held the thrust moves on, and what acts is not w but
 

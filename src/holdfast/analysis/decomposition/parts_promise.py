@@ -13,20 +13,18 @@ from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.grid import by_name, whole
 from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.analysis.safety.validation import (
+    CONFIRMED,
     CONSTANT,
+    EVERY,
     FALLS,
+    FELL_SHORT,
+    FROM_INSIDE,
     INSIDE,
     SWINGING,
     SWITCHING,
     at_rest,
-    schedules,
-)
-from holdfast.analysis.safety.verdict import (
-    CONFIRMED,
-    EVERY,
-    FELL_SHORT,
-    FROM_INSIDE,
     confirmation,
+    schedules,
     shortfall,
 )
 from holdfast.analysis.simulation.law_comparison import Rate
@@ -34,7 +32,7 @@ from holdfast.analysis.simulation.simulate import simulate
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region

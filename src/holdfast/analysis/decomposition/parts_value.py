@@ -21,12 +21,11 @@ from holdfast._version import __version__
 from holdfast.analysis.decomposition.decomposition import Decomposition, Part
 from holdfast.analysis.reachability.grid import by_name, whole
 from holdfast.analysis.reachability.value_function import Tried, ValueFunction
-from holdfast.analysis.simulation.files import MARK, write_groups
-from holdfast.analysis.simulation.named_arrays import NamedArray, NamedArrays
+from holdfast.analysis.simulation.files import MARK, NamedArray, NamedArrays, write_groups
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, HoldfastError, OutputError, SimulationError
 from holdfast.execution.arrays import Array
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.decomposition.prediction import Prediction
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.written import read, written

@@ -37,7 +37,7 @@ from holdfast.analysis.identification.log import (
     windows_of,
 )
 from holdfast.errors import SimulationError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.system import System
 from holdfast.maths.identification.measured_motion import MeasuredMotion, measured_motion
 

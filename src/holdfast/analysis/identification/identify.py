@@ -49,7 +49,7 @@ from holdfast.analysis.identification.log import (
 )
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.execution.trajectories import Trajectories
 from holdfast.maths.control.unmodelled import PREFIX, add_unmodelled
 from holdfast.maths.definitions.bounds import Box

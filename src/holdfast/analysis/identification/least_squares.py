@@ -22,7 +22,7 @@ from holdfast.analysis.identification.log import (
     least_noise,
 )
 from holdfast.errors import SimulationError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.execution.trajectories import Trajectories
 from holdfast.maths.identification.measured_motion import MeasuredMotion
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.errors import SimulationError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.system import System
 

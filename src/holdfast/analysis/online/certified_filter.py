@@ -27,7 +27,7 @@ from holdfast.arguments import checked
 from holdfast.errors import ArgumentError, DefinitionError, SimulationError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import Alive, Command
 from holdfast.execution.simulation.control_sample import ControlSamples, Rows
 from holdfast.execution.simulation.steppers import RK4

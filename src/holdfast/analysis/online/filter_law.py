@@ -26,7 +26,7 @@ from holdfast.errors import (
     suggestion,
 )
 from holdfast.execution.arrays import Array
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.control.command import commanded
 from holdfast.maths.control.parameter_box import parameter_box
 from holdfast.maths.control.prediction import Prediction

@@ -17,8 +17,8 @@ from holdfast.analysis.online.filter_law import Made
 from holdfast.analysis.online.measurements import Measurements
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
-from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.foreseen import numbers_of_look
+from holdfast.execution.leaf import Evaluator
 from holdfast.execution.scalar import called
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.outcomes import Outcome

@@ -2,7 +2,7 @@
 
 One kind of stream are samples as lines of JSON, each answered with a decision:
 
-{"t": 0.02, "state": {"x": -1.3, "y": 0.75}, "command": {"u": 0.3}, "disturbance": {"Vx": 0.1}}
+    {"t": 0.02, "state": {"x": -1.3, "y": 0.75}, "command": {"u": 0.3}, "disturbance": {"Vx": 0.1}}
 
 t [s]: by default a sample time after that of the line before. A state or a command that is left out
 has not come: the newest before it counts for the patience of the `Relay`. The disturbance is for a

@@ -26,8 +26,7 @@ from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.slab import Part, check_cut
 from holdfast.execution.level_set.sweeping import StageOrder, joined
-from holdfast.execution.resources import available_cores
-from holdfast.execution.working_room import Disk, Memory, Room
+from holdfast.execution.resources import Disk, Memory, Room, available_cores
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
 TOGETHER = 1 << 23

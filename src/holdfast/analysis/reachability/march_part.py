@@ -47,7 +47,7 @@ from holdfast.analysis.reachability.problem import ON_END, Ends, Posed, check_in
 from holdfast.errors import OutputError, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.device_sweeping import DeviceSweeping
-from holdfast.execution.level_set.over_grid import ALL, over_grid
+from holdfast.execution.level_set.march import ALL, over_grid
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.slab import Edges, Layers, Part, Slab, layers
 from holdfast.execution.level_set.sweeping import (
@@ -58,8 +58,8 @@ from holdfast.execution.level_set.sweeping import (
     carried_out,
     on_one_side,
 )
-from holdfast.execution.working_room import Room
-from holdfast.host.writing import atomic_file, discarded_at_the_end, kept_at_the_end
+from holdfast.execution.resources import Room
+from holdfast.host.files import atomic_file, discarded_at_the_end, kept_at_the_end
 from holdfast.maths.games.hamiltonian import Hamiltonian, hamiltonian
 
 

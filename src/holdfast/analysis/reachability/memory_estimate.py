@@ -28,12 +28,10 @@ from holdfast.analysis.reachability.posed_march import finer
 from holdfast.analysis.reachability.problem import Marching, Posed, marching_of
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, SlowWarning
-from holdfast.execution.level_set.mirrored_grid import halves
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.slab import Part
-from holdfast.execution.level_set.sweeping import StageOrder, streams
-from holdfast.execution.resources import available_cores, check_memory, total_memory
-from holdfast.execution.working_room import Disk, Memory
+from holdfast.execution.level_set.sweeping import StageOrder, halves, streams
+from holdfast.execution.resources import Disk, Memory, available_cores, check_memory, total_memory
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
 

@@ -81,11 +81,10 @@ from holdfast.analysis.reachability.problem import Ends, Marching, Posed
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import OutputError, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.level_set.march import Done, March, Method
-from holdfast.execution.level_set.over_grid import OverGrid
+from holdfast.execution.level_set.march import Done, March, Method, OverGrid
 from holdfast.execution.level_set.refined_march import RefinedMarch
-from holdfast.execution.working_room import Memory, Room
-from holdfast.host.writing import atomic_file, remove_left_over
+from holdfast.execution.resources import Memory, Room
+from holdfast.host.files import atomic_file, remove_left_over
 from holdfast.maths.definitions.system import System
 from holdfast.maths.games.hamiltonian import Hamiltonian, check_symmetry, hamiltonian
 

@@ -19,8 +19,7 @@ from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import SimulationError
 from holdfast.execution.device.program import device_named
-from holdfast.execution.level_set.march import March
-from holdfast.execution.level_set.over_grid import OverGrid
+from holdfast.execution.level_set.march import March, OverGrid
 from holdfast.execution.level_set.refined_march import STRETCH, RefinedMarch
 from holdfast.execution.level_set.slab import Part
 from holdfast.execution.level_set.sweeping import layout

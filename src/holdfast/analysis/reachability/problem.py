@@ -20,8 +20,7 @@ import sympy as sp
 from holdfast.analysis.reachability.grid import Grid, by_name, number, whole
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.device.program import DEVICES
-from holdfast.execution.level_set.march import Method
-from holdfast.execution.level_set.over_grid import over_grid
+from holdfast.execution.level_set.march import Method, over_grid
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.stage_leaf import DISSIPATIONS
 from holdfast.maths.control.outward_rates import check_states
@@ -177,7 +176,7 @@ class Marching:
     @property
     def monotone(self) -> bool:
         """Whether a step keeps the order of two values, less everywhere before, less after, of a
-        Hamiltonian that `is_sharp` (`maths/games/monotone_flux.py`)."""
+        Hamiltonian that `is_sharp` (`maths/games/hamiltonian.py`)."""
         return self.first_order and self.method.order == 1 and not self.smeared
 
     def aside(self, name: str, kind: str) -> Marching:

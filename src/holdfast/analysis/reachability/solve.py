@@ -41,10 +41,10 @@ from holdfast.analysis.reachability.value_function import (
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, RenamedWarning, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.level_set.over_grid import over_grid
+from holdfast.execution.level_set.march import over_grid
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
-from holdfast.maths.games.monotone_flux import is_sharp
+from holdfast.maths.games.hamiltonian import is_sharp
 
 TOGETHER = 1 << 20
 """Nodes that are looked at together, to save memory."""

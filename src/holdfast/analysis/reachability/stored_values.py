@@ -21,8 +21,7 @@ from xarray.core import indexing
 from holdfast.errors import OutputError
 from holdfast.execution.arrays import AnyArray
 from holdfast.execution.table_in_parts import TableInParts
-from holdfast.host.reading import check_file
-from holdfast.host.writing import undisturbed
+from holdfast.host.files import check_file, undisturbed
 
 T = TypeVar("T")
 Whole = npt.NDArray[np.int64]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from holdfast.analysis.reachability.value_function import Places, ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 

@@ -24,7 +24,7 @@ from holdfast.analysis.safety.sampled_value import LEVELS, patience_of, sampled_
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.maths.control.prediction import Prediction, prediction
 from holdfast.maths.control.value_filter import (
     against_the_worst,
@@ -32,8 +32,7 @@ from holdfast.maths.control.value_filter import (
     keep_value,
     optimal_law,
 )
-from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.lookup import Lookup
+from holdfast.maths.definitions.law import Law, Lookup
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching

@@ -10,7 +10,7 @@ import numpy as np
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arrays import Array
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.definitions.region import Region

@@ -20,11 +20,9 @@ from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.execution.table_in_parts import in_memory
 from holdfast.execution.web_assembly import LANES, STACK, web_module
-from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.lookup import CellLookup
+from holdfast.maths.definitions.law import CellLookup, Law
 from holdfast.maths.definitions.quantity import TIME
-from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.scene import Circle, Cone, Footprint, Segment, Shape
+from holdfast.maths.definitions.region import Circle, Cone, Footprint, Region, Segment, Shape
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied

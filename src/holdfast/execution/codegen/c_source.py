@@ -40,7 +40,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import AnyArray
 from holdfast.execution.codegen.c_printer import c_body, c_functions
-from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
+from holdfast.execution.codegen.closed_loop_program import ControllerProgram, controller_program
 from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.execution.codegen.scalar_c import scalars_c
 from holdfast.execution.codegen.scalar_reader import scalars
@@ -48,9 +48,8 @@ from holdfast.execution.foreseen import CUTS, numbers_of_search
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.execution.table_in_parts import in_memory, in_turn
-from holdfast.host.writing import atomic_file
-from holdfast.maths.definitions.law import Foresight, Law, Safeguard
-from holdfast.maths.definitions.lookup import CellLookup, Lookup
+from holdfast.host.files import atomic_file
+from holdfast.maths.definitions.law import CellLookup, Foresight, Law, Lookup, Safeguard
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import symbols_of

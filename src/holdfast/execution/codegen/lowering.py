@@ -8,7 +8,7 @@ from typing import Any
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.execution.arithmetic import basics, exponential, trigonometric
+from holdfast.execution.arithmetic import basics, elementary
 from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, root
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.maths.expressions.traversal import symbols_of
@@ -142,7 +142,7 @@ class Lowering:
         value, size = self.value(base), abs(exponent) if exponent.is_Number else exponent
         whole, half = divmod(2 * size, 2) if (2 * size).is_Integer else (None, None)
         if whole is None or whole > MOST_FACTORS:
-            return _value(exponential.power(value, self.value(exponent)))
+            return _value(elementary.power(value, self.value(exponent)))
         if exponent >= 0:
             return _in_turn([value] * int(whole) + ([root(value)] if half else []))
         if half:  # the inverse of the root, for every odd number of halves
@@ -181,28 +181,28 @@ _PICKED: dict[str, tuple[int, Callable[..., tuple[Value, ...]]]] = {
 
 FUNCTIONS = (
     basics.wrap, basics.least, basics.greatest, basics.sgn, basics.sign, basics.select,
-    basics.length, trigonometric.sine_and_cosine, trigonometric.tangent, trigonometric.arctangent,
-    trigonometric.arcsine, trigonometric.arccosine, trigonometric.angle_of,
-    trigonometric.REDUCED_BY_DIGITS, exponential.exponential, exponential.logarithm,
-    exponential.power, exponential.hyperbolic_sine, exponential.hyperbolic_cosine,
-    exponential.hyperbolic_tangent,
+    basics.length, elementary.sine_and_cosine, elementary.tangent, elementary.arctangent,
+    elementary.arcsine, elementary.arccosine, elementary.angle_of,
+    elementary.REDUCED_BY_DIGITS, elementary.exponential, elementary.logarithm,
+    elementary.power, elementary.hyperbolic_sine, elementary.hyperbolic_cosine,
+    elementary.hyperbolic_tangent,
 )  # fmt: skip
 """All functions that steps may call."""
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "sin": lambda x: trigonometric.sine_and_cosine(x)[0],
-    "cos": lambda x: trigonometric.sine_and_cosine(x)[1],
-    "tan": trigonometric.tangent,
-    "asin": trigonometric.arcsine,
-    "acos": trigonometric.arccosine,
-    "atan": trigonometric.arctangent,
-    "atan2": trigonometric.angle_of,
-    "angle": trigonometric.angle_of,
-    "exp": exponential.exponential,
-    "log": exponential.logarithm,
-    "sinh": exponential.hyperbolic_sine,
-    "cosh": exponential.hyperbolic_cosine,
-    "tanh": exponential.hyperbolic_tangent,
+    "sin": lambda x: elementary.sine_and_cosine(x)[0],
+    "cos": lambda x: elementary.sine_and_cosine(x)[1],
+    "tan": elementary.tangent,
+    "asin": elementary.arcsine,
+    "acos": elementary.arccosine,
+    "atan": elementary.arctangent,
+    "atan2": elementary.angle_of,
+    "angle": elementary.angle_of,
+    "exp": elementary.exponential,
+    "log": elementary.logarithm,
+    "sinh": elementary.hyperbolic_sine,
+    "cosh": elementary.hyperbolic_cosine,
+    "tanh": elementary.hyperbolic_tangent,
     "Abs": abs,
     "magnitude": abs,
     "Min": lambda *a: _folded(basics.least, a),

@@ -40,7 +40,7 @@ from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.intervals.interval import (
+from holdfast.execution.intervals.enclosure import (
     FITS,
     Interval,
     Row,
@@ -58,7 +58,7 @@ from holdfast.execution.intervals.interval import (
 from holdfast.execution.intervals.law_ranges import LawRanges
 from holdfast.execution.intervals.tape import Tape
 from holdfast.execution.leaf import Leaves, compiled_leaves
-from holdfast.maths.definitions.law_cases import LawCases
+from holdfast.maths.definitions.law import LawCases
 from holdfast.maths.expressions.functions import greatest, least
 from holdfast.maths.expressions.traversal import exact, symbols_of
 

@@ -2,7 +2,7 @@
 
 A safeguard's quadratic program over boxes, for every set of conditions that may be active:
 
-minimise  sum_i ((u_i - w_i) / s_i)^2   subject to   n_j . u <= b_j
+    minimise  sum_i ((u_i - w_i) / s_i)^2   subject to   n_j . u <= b_j
 
 With y = u / s, v = w / s and a_j = s n_j: where there is a minimiser, it is
 
@@ -44,8 +44,8 @@ import sympy as sp
 from holdfast.execution.arithmetic.steps import Steps, Value, choose
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.intervals.enclosure import Enclosure
-from holdfast.execution.intervals.interval import (
+from holdfast.execution.intervals.enclosure import (
+    Enclosure,
     Interval,
     Row,
     chosen,
@@ -61,7 +61,7 @@ from holdfast.execution.intervals.tape import Tape
 from holdfast.execution.intervals.tape import number as number_between
 from holdfast.execution.leaf import compiled_leaves
 from holdfast.execution.table_in_parts import in_memory
-from holdfast.maths.definitions.law_cases import LawCases, Option, Program
+from holdfast.maths.definitions.law import LawCases, Option, Program
 from holdfast.maths.definitions.quantity import TIME_IN_MODE
 from holdfast.maths.expressions.traversal import symbols_of
 

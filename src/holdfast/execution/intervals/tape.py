@@ -27,8 +27,14 @@ import sympy as sp
 from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic.steps import FLOAT, Steps
 from holdfast.execution.intervals import enclosure
-from holdfast.execution.intervals.enclosure import FUNCTIONS, IntervalLowering
-from holdfast.execution.intervals.interval import Interval, chosen, hull, unknown_where
+from holdfast.execution.intervals.enclosure import (
+    FUNCTIONS,
+    Interval,
+    IntervalLowering,
+    chosen,
+    hull,
+    unknown_where,
+)
 from holdfast.maths.expressions.traversal import plain_text
 
 Known = Mapping[str, Interval]

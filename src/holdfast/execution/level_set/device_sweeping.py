@@ -23,10 +23,15 @@ from holdfast.execution.codegen.c_printer import Body, c_functions
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.execution.device.program import Device
-from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.schemes import Scheme
 from holdfast.execution.level_set.stage_leaf import Stage, names_of_numbers
-from holdfast.execution.level_set.sweeping import Counts, first_not_finite, layout, on_one_side
+from holdfast.execution.level_set.sweeping import (
+    Counts,
+    Fold,
+    first_not_finite,
+    layout,
+    on_one_side,
+)
 
 if TYPE_CHECKING:
     from holdfast.execution.level_set.march import March

@@ -22,16 +22,16 @@ import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.level_set.mirrored_grid import Flags
 from holdfast.execution.level_set.sweeping import (
     Counts,
+    Flags,
     Sweeping,
     first_not_finite,
     layout,
     not_finite,
     on_one_side,
 )
-from holdfast.execution.working_room import Room
+from holdfast.execution.resources import Room
 
 if TYPE_CHECKING:
     from holdfast.execution.level_set.march import March

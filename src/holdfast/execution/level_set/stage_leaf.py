@@ -1,6 +1,6 @@
 """A stage of a step at a node, for every target, and its leaf: a run of nodes to their new values.
 
-slopes   mean = half (below + above),  gap = half (above - below)
+    slopes   mean = half (below + above),  gap = half (above - below)
     step     new = base + weight ((value - base) + dt rate), the rate limited to one sign,
              and new within the bounds
 
@@ -9,7 +9,7 @@ side; others have computed them before. What lies between the two is the rate.
 
 A scheme of higher order may balance a ridge against its dissipation, and stand still where the
 equation does not. So it is filtered: with r the rate of the scheme, r_M that of the monotone step
-from the plain differences (`maths/games/monotone_flux.py`), s a bound of |r - r_M|, and b how far
+from the plain differences (`maths/games/hamiltonian.py`), s a bound of |r - r_M|, and b how far
 the slopes are from the mean of the plain differences and from one another,
 
     rate = r_M + w (r - r_M),   w = 1 to s + k b = e,  2 - (s + k b) / e to 2 e,  0 beyond
@@ -58,8 +58,7 @@ from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, Steps, Value, choo
 from holdfast.execution.codegen.llvm_text import LANES, Body, Format, Leaf, Module, repeated
 from holdfast.execution.codegen.lowering import is_algebraic, lowered
 from holdfast.maths.definitions.quantity import TIME, Parameter
-from holdfast.maths.games.hamiltonian import Hamiltonian
-from holdfast.maths.games.monotone_flux import is_sharp, monotone_flux
+from holdfast.maths.games.hamiltonian import Hamiltonian, is_sharp, monotone_flux
 
 BEFORE = -1
 

@@ -36,8 +36,7 @@ from holdfast.execution.simulation.layout import (
 )
 from holdfast.execution.simulation.loop import KEPT, LOOK_UP, SINGLE, Loop
 from holdfast.execution.simulation.outcomes import Outcome
-from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.simulation.trajectories import Trajectories
+from holdfast.execution.simulation.settings import Settings, Trajectories
 from holdfast.execution.table_in_parts import TableInParts, read_at
 from holdfast.maths.definitions.law import MOST_LEVELS
 

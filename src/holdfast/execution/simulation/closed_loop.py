@@ -34,8 +34,7 @@ from holdfast.execution.simulation.blocks import (
 from holdfast.execution.simulation.device_runs import simulate_on
 from holdfast.execution.simulation.layout import shape_of
 from holdfast.execution.simulation.loop import Kind, Loop, built
-from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.simulation.trajectories import Trajectories, blank
+from holdfast.execution.simulation.settings import Settings, Trajectories, blank
 from holdfast.execution.table_in_parts import for_look_ups
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, symbol
 

@@ -38,8 +38,7 @@ from holdfast.execution.simulation.blocks import (
 from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, Layout, shape_of
 from holdfast.execution.simulation.loop import SINGLE, Kind, built_as
 from holdfast.execution.simulation.outcomes import Outcome
-from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.simulation.trajectories import Trajectories
+from holdfast.execution.simulation.settings import Settings, Trajectories
 from holdfast.execution.table_in_parts import in_memory
 
 PLACES = ("t", "q", "x", "p")

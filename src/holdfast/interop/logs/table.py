@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from holdfast.errors import SimulationError
-from holdfast.host.reading import check_file
+from holdfast.host.files import check_file
 from holdfast.interop.logs.recording import Column, Floats, Recording, with_unit
 from holdfast.maths.definitions.units import UnitError, convert
 

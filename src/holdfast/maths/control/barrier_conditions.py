@@ -6,7 +6,7 @@ If no input appears in d/dt c_j, the second derivative takes its place.
 
 Inputs that enter a constraint later than others have conditions that keep the earlier ones able:
 
-a condition   n(q) . u <= b(q)   of a constraint,   P(q) = min over the bounds of n . u  -  b
+    a condition   n(q) . u <= b(q)   of a constraint,   P(q) = min over the bounds of n . u  -  b
 
 The brakes of a vehicle that is steered at once are in no first derivative of a distance: a
 condition of first order asks the steering alone, which has no effect on an obstacle dead ahead. P

@@ -21,8 +21,7 @@ import sympy as sp
 from holdfast.errors import DefinitionError
 from holdfast.maths.control.prediction import Prediction, held_motion
 from holdfast.maths.control.safety_filter import check_fit, input_rows, input_scales, over_time
-from holdfast.maths.definitions.law import Foresight, Law, Safeguard
-from holdfast.maths.definitions.lookup import Lookup, SampledLookup
+from holdfast.maths.definitions.law import Foresight, Law, Lookup, Safeguard, SampledLookup
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System

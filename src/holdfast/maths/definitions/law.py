@@ -1,16 +1,20 @@
-"""A feedback law (controller): expressions for inputs, or for velocities used as inputs."""
+"""A feedback law (controller): expressions for inputs, or for velocities used as inputs.
+
+A lookup table is a function known at the nodes of a grid, as symbols in its expressions. What a
+sampled law may do are cases: options, with the conditions under which each is taken.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import TypeVar
 
 import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.lookup import Lookup
 from holdfast.maths.definitions.quantity import (
     DELAY,
     SAMPLE_TIME,
@@ -21,7 +25,164 @@ from holdfast.maths.definitions.quantity import (
     check_unique,
     frozen,
     merge_parameters,
+    symbol,
 )
+
+T = TypeVar("T", bound="Lookup")
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """V and its slopes at `places`: expressions of quantities a law reads, one for every axis.
+
+    `value` and `slopes` (dV/d place, one for every axis) stand for them in expressions. `table`
+    holds the numbers; its type is known only to the code that runs laws. timed: whether the first
+    axis is the remaining time. first_time: then the least remaining time that is stored; below it
+    the function is constant in time. unit: of V.
+    """
+
+    places: tuple[sp.Expr, ...]
+    table: object = field(repr=False, compare=False)
+    first_time: float = 0.0
+    timed: bool = False
+    unit: str = "1"
+
+    @property
+    def value(self) -> sp.Symbol:
+        return sp.Symbol("_V", real=True)
+
+    @property
+    def slopes(self) -> tuple[sp.Symbol, ...]:
+        return tuple(sp.Symbol(f"_V{i}", real=True) for i in range(len(self.places)))
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        return (self.value, *self.slopes)
+
+    def subs(self: T, values: Mapping[sp.Symbol, sp.Expr]) -> T:
+        """The same function, looked up where the symbols have these values."""
+        return replace(self, places=tuple(e.xreplace(values) for e in self.places))
+
+
+@dataclass(frozen=True)
+class SampledLookup(Lookup):
+    """The value of a sampled game, of inputs that are held for `hold` [s].
+
+    predicted [s]: the delay over which the law predicts the state; a run has no other. sloped:
+    whether its slopes are looked up too.
+    """
+
+    hold: float = 0.0
+    predicted: float = 0.0
+    sloped: bool = False
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        return super().symbols if self.sloped else (self.value,)
+
+
+@dataclass(frozen=True)
+class CellLookup(Lookup):
+    """What is known of the cell that `places` are in, in place of a value between nodes.
+
+    `value` is how long the cell lasts, `entries` are its `width` numbers. hold: the sampling period
+    [s] for which these are; a law that uses them is run at no other. errors: by how much each place
+    may be measured wrong; delay [s]: by how long an input may come late.
+    """
+
+    width: int = 0
+    hold: float = 0.0
+    errors: tuple[float, ...] = ()
+    delay: float = 0.0
+
+    def error_of(self, state: str) -> float:
+        """By how much a state may be measured wrong: not at all where it is no place."""
+        among = [e for p, e in zip(self.places, self.errors, strict=False) if p == symbol(state)]
+        return among[0] if among else 0.0
+
+    @property
+    def entries(self) -> tuple[sp.Symbol, ...]:
+        return tuple(sp.Symbol(f"_C{i}", real=True) for i in range(self.width))
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        return (self.value, *self.entries)
+
+
+Conditions = tuple[sp.Expr, ...]
+"""Expressions that are all at most 0 where something is done."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """Inputs that are given where `when` < 0, and no option before has its own conditions.
+
+    Where one of `when` is 0 and none is above, they may be given or those of a later option.
+
+    inputs: expressions, one for each input. The symbol of an input itself stands for any number
+    that the input may be, the same one in `when`. to: the number of the mode afterwards.
+    """
+
+    when: Conditions
+    inputs: tuple[sp.Expr, ...]
+    to: int = 0
+
+    @property
+    def expressions(self) -> tuple[sp.Expr, ...]:
+        return (*self.when, *self.inputs)
+
+
+@dataclass(frozen=True)
+class Program:
+    """Inputs that a safeguard gives where `when` < 0, and no option before has its own conditions.
+
+        minimise  sum_i ((u_i - w_i) / s_i)^2   subject to   n_j . u <= b_j
+
+    wanted: w, None where it may be anything. rows: n_j and b_j of each condition in turn, of which
+    the first `hard` are not relaxed where not all can be met. scales: s. limits: what actuators
+    make of inputs, by the symbols of these. box: the bounds of each input, if they are such.
+    """
+
+    when: Conditions
+    wanted: tuple[sp.Expr, ...] | None
+    rows: tuple[tuple[sp.Expr, ...], ...]
+    hard: int
+    scales: tuple[sp.Expr, ...]
+    limits: tuple[sp.Expr, ...]
+    box: tuple[tuple[sp.Expr, sp.Expr], ...] | None
+    to: int = 0
+
+    @property
+    def expressions(self) -> tuple[sp.Expr, ...]:
+        """All but the limits, of which the inputs are those of the program."""
+        rows = (e for row in self.rows for e in row)
+        ends = (e for pair in self.box or () for e in pair)
+        return (*self.when, *(self.wanted or ()), *rows, *self.scales, *ends)
+
+
+@dataclass(frozen=True)
+class LawCases:
+    """A sampled law: in each mode the options of which one is taken at a sample.
+
+    modes: their names. initial: the number of the first one. options: of each mode, in order: the
+    first whose conditions hold is taken. parts: for each input the edges of the parts that its
+    range is divided into, where an option leaves it free. lookup: the table whose symbols the
+    expressions use. What depends on the time in the mode is not known.
+    """
+
+    modes: tuple[str, ...]
+    initial: int
+    options: tuple[tuple[Option | Program, ...], ...]
+    parts: tuple[tuple[float, ...], ...] = ()
+    lookup: Lookup | None = None
+
+    @property
+    def expressions(self) -> tuple[sp.Expr, ...]:
+        """All of them."""
+        options = [o for mode in self.options for o in mode]
+        places = self.lookup.places if self.lookup else ()
+        limits = (e for o in options if isinstance(o, Program) for e in o.limits)
+        return (*(e for o in options for e in o.expressions), *limits, *places)
 
 
 @checked

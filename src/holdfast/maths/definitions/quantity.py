@@ -13,9 +13,8 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.expressions.canonical import canonical
+from holdfast.maths.expressions.canonical import FUNCTIONS, canonical
 from holdfast.maths.expressions.traversal import parts
-from holdfast.maths.expressions.vocabulary import FUNCTIONS
 from holdfast.maths.expressions.written import FUNCTIONS as COMPILED
 
 TIME = sp.Symbol("t", real=True)

@@ -4,6 +4,8 @@ The one sign convention of holdfast: c <= 0 is safe, as in chapters 5 and 6. Cha
 the thesis calls l > 0 safe; l = -max_j c_j / s_j is formed here (`Region.margin`) and nowhere else,
 with s_j the scale of the inequality: the amount of it, in its unit, that counts as 1. Scales change
 no set. They weigh metres against radians when the depth inside the set is measured.
+
+Its shapes in the plane are data; `presentation` draws them.
 """
 
 from __future__ import annotations
@@ -24,9 +26,50 @@ from holdfast.maths.definitions.quantity import (
     check_unique,
     merge_parameters,
 )
-from holdfast.maths.definitions.scene import Shape
 from holdfast.maths.expressions.canonical import canonical
 from holdfast.maths.expressions.functions import greatest
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A fixed line from start to end, e.g. a wall or a target on it."""
+
+    role: str
+    start: tuple[sp.Expr, sp.Expr]
+    end: tuple[sp.Expr, sp.Expr]
+
+
+@dataclass(frozen=True)
+class Cone:
+    """A field of view: apex, heading, half angle and range, expressions of the state."""
+
+    role: str
+    apex: tuple[sp.Expr, sp.Expr]
+    heading: sp.Expr
+    half_angle: sp.Expr
+    range: sp.Expr
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """A sensor's footprint: a polygon with corners (ahead, left) of the apex, turned by heading."""
+
+    role: str
+    apex: tuple[sp.Expr, sp.Expr]
+    heading: sp.Expr
+    corners: tuple[tuple[sp.Expr, sp.Expr], ...]
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A fixed circle, e.g. an obstacle or a set of goals."""
+
+    role: str
+    centre: tuple[sp.Expr, sp.Expr]
+    radius: sp.Expr
+
+
+Shape = Segment | Cone | Footprint | Circle
 
 
 @checked

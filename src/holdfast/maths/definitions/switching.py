@@ -15,8 +15,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
-from holdfast.maths.definitions.law import GainCondition, Law
-from holdfast.maths.definitions.lookup import Lookup
+from holdfast.maths.definitions.law import GainCondition, Law, Lookup
 from holdfast.maths.definitions.quantity import (
     SAMPLE_TIME,
     TIME,

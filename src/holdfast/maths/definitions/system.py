@@ -1,20 +1,25 @@
-"""A control system, defined once: qdot = f(t, q, u, d; p), with A(q) qdot = b."""
+"""A control system, defined once: qdot = f(t, q, u, d; p), with A(q) qdot = b.
+
+Declared with it are measurements (output equations), with laws that know the states only through
+them, and a flat output where the chained coordinates are no states.
+"""
 
 from __future__ import annotations
 
 import math
 import random
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import sympy as sp
+from sympy.integrals.quadrature import gauss_legendre
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import Bounds
-from holdfast.maths.definitions.flat_output import FlatOutput
-from holdfast.maths.definitions.measurement import Measurement
+from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import (
     TIME,
     Parameter,
@@ -23,9 +28,128 @@ from holdfast.maths.definitions.quantity import (
     check_unique,
     frozen,
     merge_parameters,
+    symbol,
 )
+from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.expressions.canonical import canonical
 from holdfast.maths.expressions.traversal import derivatives
+
+NODES = 16
+
+
+@checked
+@dataclass(frozen=True)
+class Antiderivative:
+    """A quantity int_0^upper integrand d(variable), which no elementary function is.
+
+    upper: an expression of the states. integrand: of `variable` and parameters. Its derivative is
+    exact, by the fundamental theorem; its value is by Gauss-Legendre quadrature with 16 nodes.
+    """
+
+    name: str
+    integrand: sp.Expr
+    variable: sp.Symbol
+    upper: sp.Expr
+
+    @property
+    def symbol(self) -> sp.Symbol:
+        return symbol(self.name)
+
+    @property
+    def slope(self) -> sp.Expr:
+        """The derivative by the upper limit."""
+        return self.integrand.xreplace({self.variable: self.upper})
+
+    @property
+    def value(self) -> sp.Expr:
+        """The quadrature, as an expression."""
+        half = self.upper / 2
+        return sp.Mul(
+            half,
+            sp.Add(
+                *(
+                    weight * self.integrand.xreplace({self.variable: half * (1 + node)})
+                    for node, weight in _nodes()
+                )
+            ),
+        )
+
+
+@checked
+@dataclass(frozen=True)
+class FlatOutput:
+    """The flat output (z1, zn) of a system, from which its chained coordinates follow.
+
+    first: z1. last: (zk, ..., zn), at least zn; those before it spare the search their
+    differentiation, and it refuses them unless they are what differentiation gives. All are zero at
+    the origin. antiderivatives: quantities that these expressions name.
+    """
+
+    first: sp.Expr
+    last: tuple[sp.Expr, ...]
+    antiderivatives: tuple[Antiderivative, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "first", canonical(self.first))
+        object.__setattr__(self, "last", tuple(map(canonical, self.last)))
+        if not self.last:
+            raise DefinitionError("a flat output has no last coordinate", expected="z1 and zn")
+
+
+@cache
+def _nodes() -> tuple[tuple[sp.Float, sp.Float], ...]:
+    nodes, weights = gauss_legendre(NODES, 17)
+    return tuple(zip(nodes, weights, strict=True))
+
+
+@checked
+@dataclass(frozen=True)
+class Measurement(Quantity):
+    """A quantity that is measured: an expression of states and parameters."""
+
+    expression: sp.Expr = sp.S.Zero
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "expression", canonical(self.expression))
+
+
+def by_measurements(system: System, law: Law | Switching) -> Law | Switching:
+    """`law` as a function of the states of `system`: measurements are replaced by expressions.
+
+    A law reads only its `reads`. If these are measurements, the law knows nothing else of the
+    states. A law that reads only states is returned unchanged.
+    """
+    told = {m.name: m for m in system.measurements}
+    if not any(q.name in told for q in law.reads):
+        return law
+    known = {m.symbol: m.expression for m in system.measurements}
+
+    def written_out(mode: Law) -> Law:
+        read = [q for q in mode.reads if q.name in told]
+        used = set().union(*(told[q.name].expression.free_symbols for q in read))
+        others = [q for q in mode.reads if q.name not in told]
+        states = [q for q in system.states if q.symbol in used and q not in others]
+        return replace(
+            mode,
+            reads=(*others, *states),
+            outputs={n: e.xreplace(known) for n, e in mode.outputs.items()},
+            signals={n: e.xreplace(known) for n, e in mode.signals.items()},
+            believed={n: e.xreplace(known) for n, e in mode.believed.items()},
+            safeguard=mode.safeguard.subs(known) if mode.safeguard else None,
+            lookup=mode.lookup.subs(known) if mode.lookup else None,
+            parameters=(*mode.parameters, *(p for p in system.parameters if p.symbol in used)),
+        )
+
+    if isinstance(law, Law):
+        return written_out(law)
+    return replace(
+        law.map_laws(written_out, law.name),
+        transitions=tuple(
+            Transition(t.source, t.target, t.when.xreplace(known)) for t in law.transitions
+        ),
+        signals={n: e.xreplace(known) for n, e in law.signals.items()},
+    )
 
 
 @checked

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
-from holdfast.host.reading import read_small_text
+from holdfast.host.files import read_small_text
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.units import convert, to_si
 

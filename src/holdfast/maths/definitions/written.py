@@ -18,12 +18,15 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import AllocatedImage, Ball, Box, LinearImage, Product
-from holdfast.maths.definitions.flat_output import Antiderivative, FlatOutput
-from holdfast.maths.definitions.measurement import Measurement
 from holdfast.maths.definitions.quantity import Parameter, Quantity
-from holdfast.maths.definitions.region import Inequality, Region
-from holdfast.maths.definitions.scene import Circle, Cone, Footprint, Segment
-from holdfast.maths.definitions.system import PfaffianRow, System
+from holdfast.maths.definitions.region import Circle, Cone, Footprint, Inequality, Region, Segment
+from holdfast.maths.definitions.system import (
+    Antiderivative,
+    FlatOutput,
+    Measurement,
+    PfaffianRow,
+    System,
+)
 from holdfast.maths.expressions.written import Steps, expressions
 
 CLASSES = (

@@ -12,20 +12,160 @@ derived from it has the derivatives of `functions.py`:
 | Piecewise | select of the difference in each comparison |
 | atan2(y, x) | angle(y, x) |
 | cot, sec, csc, coth, sech, csch | the inverses of tan, cos, sin, tanh, cosh, sinh |
+
+Beside them stand the functions that text expressions may call, and the constructs they may not use.
+An expression that jumps becomes cases that do not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import ast
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import sympy as sp
 from sympy.logic.boolalg import Boolean
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.expressions.functions import greatest, least, magnitude, select
-from holdfast.maths.expressions.traversal import parts
-from holdfast.maths.expressions.vocabulary import FUNCTIONS, pairwise
+from holdfast.maths.expressions.functions import (
+    angle,
+    clip,
+    greatest,
+    least,
+    length,
+    magnitude,
+    select,
+    sgn,
+    wrap,
+)
+from holdfast.maths.expressions.traversal import exchanged, parts
+
+_EPS = sp.Float(1e-12)
+
+
+def pairwise(function: Callable[..., sp.Expr]) -> Callable[..., sp.Expr]:
+    """Extend a function of two arguments to any number of them."""
+
+    def fold(first: sp.Expr, *rest: sp.Expr) -> sp.Expr:
+        for value in rest:
+            first = function(first, value)
+        return first
+
+    return fold
+
+
+FUNCTIONS: dict[str, tuple[int, int, Callable[..., sp.Expr]]] = {
+    "sin": (1, 1, sp.sin),
+    "cos": (1, 1, sp.cos),
+    "tan": (1, 1, sp.tan),
+    "asin": (1, 1, sp.asin),
+    "acos": (1, 1, sp.acos),
+    "atan": (1, 1, sp.atan),
+    "sinh": (1, 1, sp.sinh),
+    "cosh": (1, 1, sp.cosh),
+    "tanh": (1, 1, sp.tanh),
+    "exp": (1, 1, sp.exp),
+    "log": (1, 1, sp.log),
+    "sqrt": (1, 1, sp.sqrt),
+    "abs": (1, 1, magnitude),
+    "sgn": (1, 1, sgn),
+    "wrap": (1, 1, wrap),
+    "atan2": (2, 2, lambda y, x: angle(y, x, _EPS)),
+    "hypot": (2, 2, lambda x, y: length(x, y, _EPS)),
+    "clip": (3, 3, clip),
+    "select": (3, 3, select),
+    "min": (2, 8, pairwise(least)),
+    "max": (2, 8, pairwise(greatest)),
+}
+"""Name -> (fewest arguments, most arguments, the function).
+
+`diff(expression, name)`, the partial derivative, is handled apart."""
+
+NUMERIC: dict[str, Callable[[float], float]] = {
+    name: getattr(math, name)
+    for name in [
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "sinh",
+        "cosh",
+        "tanh",
+        "exp",
+        "log",
+        "sqrt",
+    ]
+}
+"""Functions of numbers are folded in floating point: SymPy would try to be exact."""
+
+FORBIDDEN = {
+    ast.Attribute: "attribute access",
+    ast.Subscript: "indexing",
+    ast.Lambda: "a lambda",
+    ast.List: "a list",
+    ast.Tuple: "a tuple",
+    ast.Dict: "a dictionary",
+    ast.Set: "a set",
+    ast.ListComp: "a comprehension",
+    ast.GeneratorExp: "a comprehension",
+    ast.JoinedStr: "a string",
+    ast.Starred: "an unpacked argument",
+    ast.NamedExpr: "an assignment",
+    ast.Await: "await",
+}
+
+
+MOST = 256
+"""Cases of one group of expressions."""
+
+JUMPS = (select, sgn, sp.sign)
+
+Branch = tuple[tuple[sp.Expr, ...], list[sp.Expr]]
+"""Conditions that are all at most 0 there, and the expressions."""
+
+
+def branches(expressions: Sequence[sp.Expr]) -> list[Branch]:
+    """The expressions without `select`, `sgn` and `sign`: one case for each way these may go.
+
+    Somewhere on the border of two cases both have their conditions. Raises `DefinitionError` for
+    more than `MOST` cases.
+    """
+    waiting: list[Branch] = [((), list(expressions))]
+    found: list[Branch] = []
+    while waiting:
+        if len(waiting) + len(found) > MOST:
+            raise DefinitionError(f"expressions with more than {MOST} cases of select and sgn")
+        conditions, now = waiting.pop()
+        at = _first_level(now)
+        if at is None:
+            found.append((conditions, now))
+            continue
+        for sign, more in ((1, (-at,)), (-1, (at,)), (0, (at, -at))):
+            jumps = [p for p in parts(now) if isinstance(p, JUMPS) and p.args[0] == at]
+            if sign or any(isinstance(p, sp.sign) for p in jumps):
+                values = {p: _value(p, sign) for p in jumps}
+                waiting.append(((*conditions, *more), exchanged(now, values)))
+    return found
+
+
+def _first_level(expressions: Sequence[sp.Expr]) -> sp.Expr | None:
+    """What a jump depends on, in which nothing jumps."""
+    for part in parts(expressions):
+        if isinstance(part, JUMPS) and not any(isinstance(p, JUMPS) for p in parts(part.args[:1])):
+            level: sp.Expr = part.args[0]
+            return level
+    return None
+
+
+def _value(jump: sp.Expr, sign: int) -> sp.Expr:
+    if isinstance(jump, select):
+        return jump.args[1] if sign >= 0 else jump.args[2]
+    if isinstance(jump, sgn):
+        return sp.Integer(1 if sign >= 0 else -1)
+    return sp.Integer(sign)
 
 
 def _sign(x: sp.Expr) -> sp.Expr:

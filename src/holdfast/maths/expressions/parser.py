@@ -17,9 +17,9 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, suggestion
+from holdfast.maths.expressions.canonical import FORBIDDEN, FUNCTIONS, NUMERIC, pairwise
 from holdfast.maths.expressions.functions import greatest, least, select
 from holdfast.maths.expressions.syntax import syntax_tree
-from holdfast.maths.expressions.vocabulary import FORBIDDEN, FUNCTIONS, NUMERIC, pairwise
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 60

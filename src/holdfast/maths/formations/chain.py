@@ -11,12 +11,10 @@ import sympy as sp
 from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.systems.chain import chain, in_view, place, robot_names
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.measurement import by_measurements
 from holdfast.maths.definitions.quantity import Parameter, symbol
-from holdfast.maths.definitions.region import Inequality, Region
-from holdfast.maths.definitions.scene import Footprint, Segment
+from holdfast.maths.definitions.region import Footprint, Inequality, Region, Segment
 from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.system import System, by_measurements
 from holdfast.maths.expressions.functions import angle, length, magnitude
 from holdfast.maths.formations.footprint import triangle
 from holdfast.maths.formations.walls import sight_distance, wall_distance

@@ -2,7 +2,7 @@
 
 Whether a system is nonholonomic the growth of the Lie algebra of the allowed motions says.
 
-z_(j-1) = L_g1 z_j / L_g1 z1,   j = n ... 3,   while L_g2 z_j = 0;   L_g2 z1 = 0
+    z_(j-1) = L_g1 z_j / L_g1 z1,   j = n ... 3,   while L_g2 z_j = 0;   L_g2 z1 = 0
 
 with g1, g2 a basis of the motions. Then z1' = v1, z2' = v2, zj' = z(j-1) v1 for the inputs
 v1 = L_g1 z1 u1 and v2 = L_g1 z2 u1 + L_g2 z2 u2, and the exact linear closed loop of
@@ -21,7 +21,7 @@ from itertools import combinations, pairwise
 import mpmath
 import sympy as sp
 
-from holdfast.maths.definitions.flat_output import Antiderivative, FlatOutput
+from holdfast.maths.definitions.system import Antiderivative, FlatOutput
 from holdfast.maths.expressions.random_points import Bounded, Sampler, rank, value_at
 from holdfast.maths.nonholonomic.structure import Structure
 

@@ -19,12 +19,20 @@ from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.execution.arrays import Array
 from holdfast.maths.expressions.numeric import Expression, array_function, evaluated
-from holdfast.maths.reference_fields.critical_points import CriticalPoint
-from holdfast.maths.reference_fields.facts import critical_point_name
+from holdfast.maths.reference_fields.critical_points import (
+    CriticalPoint,
+    frame,
+    meridian,
+    plane_by_plane,
+)
+from holdfast.maths.reference_fields.facts import (
+    FlowLine,
+    critical_point_name,
+    critical_points,
+    flow_line,
+    loop_exponent,
+)
 from holdfast.maths.reference_fields.field import Field
-from holdfast.maths.reference_fields.flow_lines import FlowLine, flow_line, loop_exponent
-from holdfast.maths.reference_fields.meridian_planes import frame, meridian, plane_by_plane
-from holdfast.maths.reference_fields.zeros import critical_points
 from holdfast.presentation.figures import style
 
 SECTORS = {"elliptic": style.SKY, "parabolic": style.GREEN, "hyperbolic": style.ORANGE}

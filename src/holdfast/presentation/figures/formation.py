@@ -18,8 +18,8 @@ from matplotlib.patches import Circle, Polygon
 
 from holdfast.analysis.simulation.result import Result
 from holdfast.execution.arrays import Array
-from holdfast.host.writing import atomic_file
-from holdfast.maths.definitions.scene import Footprint
+from holdfast.host.files import atomic_file
+from holdfast.maths.definitions.region import Footprint
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.shapes import draw_fixed, seen_from

@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from holdfast.analysis.simulation.named_arrays import NamedArrays
+from holdfast.analysis.simulation.files import NamedArrays
 from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import OutputError

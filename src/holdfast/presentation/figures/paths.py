@@ -23,7 +23,7 @@ from holdfast.errors import OutputError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.maths.definitions.quantity import symbol
-from holdfast.maths.definitions.scene import Cone, Footprint, Segment
+from holdfast.maths.definitions.region import Cone, Footprint, Segment
 from holdfast.maths.expressions.numeric import Values, evaluated, parameter_values
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.shapes import draw_fixed, seen_from

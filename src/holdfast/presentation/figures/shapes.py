@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
 
-from holdfast.maths.definitions.scene import Circle, Segment, Shape
+from holdfast.maths.definitions.region import Circle, Segment, Shape
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.presentation.figures import style
 

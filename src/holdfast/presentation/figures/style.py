@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from holdfast.execution.simulation.outcomes import Outcome
-from holdfast.host.writing import atomic_file
+from holdfast.host.files import atomic_file
 
 # Okabe-Ito, distinguishable by colour-blind readers
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (

@@ -19,7 +19,7 @@ from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.execution.arrays import Array
 from holdfast.presentation.figures import level_sets, style
-from holdfast.presentation.figures.view import check_same_states, told, where
+from holdfast.presentation.figures.value_function import check_same_states, told, where
 
 BODY, OTHER = "#7cc0e6", "#c4c4c4"
 DARK = 0.4

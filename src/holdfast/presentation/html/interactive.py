@@ -16,7 +16,7 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.simulation.result import Result
 from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.outcomes import Outcome
-from holdfast.maths.definitions.scene import Circle, Segment
+from holdfast.maths.definitions.region import Circle, Segment
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.planning.polylines import kept_points
 from holdfast.presentation.figures import level_sets, style

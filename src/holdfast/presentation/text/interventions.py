@@ -10,8 +10,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from holdfast.analysis.online.decision import DecisionRecord
-from holdfast.analysis.online.interventions import GRAVITY, Event, Intervention
+from holdfast.analysis.online.decision import GRAVITY, DecisionRecord, Event, Intervention
 
 SPAN = 10.0
 """Seconds of the stream that the trends show."""

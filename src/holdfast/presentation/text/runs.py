@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from holdfast.analysis.simulation.named_arrays import NamedArrays
+from holdfast.analysis.simulation.files import NamedArrays
 from holdfast.analysis.simulation.result import Result
 
 SHOWN_VERTICES = 16

@@ -3,6 +3,8 @@
 A catalogue entry takes the values of the table that names it. A system written by expressions may
 have a flat output (z1, zn); a region has polygons, amounts of its inequalities that count as 1, and
 shapes that figures draw.
+
+The states of [system] are selected, promoted or disturbed, and actuators may lag.
 """
 
 from __future__ import annotations
@@ -23,16 +25,23 @@ from holdfast.maths.catalogue.signature import (
     wants_law,
 )
 from holdfast.maths.catalogue.vehicles import of_vehicle
-from holdfast.maths.definitions import scene
+from holdfast.maths.control.unmodelled import add_unmodelled
+from holdfast.maths.definitions import region
 from holdfast.maths.definitions.bounds import Box
-from holdfast.maths.definitions.extension import both
-from holdfast.maths.definitions.flat_output import FlatOutput
+from holdfast.maths.definitions.extension import (
+    actuator_units,
+    both,
+    dynamic_extension,
+    input_limits,
+    lagged,
+    per_second,
+)
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.measurement import Measurement
 from holdfast.maths.definitions.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
+from holdfast.maths.definitions.reduction import promote, steady_bounds, subsystem
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.switching import Switching, Transition
-from holdfast.maths.definitions.system import PfaffianRow, System
+from holdfast.maths.definitions.system import FlatOutput, Measurement, PfaffianRow, System
 from holdfast.maths.definitions.units import check_unit, in_base_units, to_si
 from holdfast.maths.expressions.parser import parse_condition, parse_expression
 from holdfast.maths.nonholonomic.null_space import kinematic_system
@@ -172,11 +181,11 @@ def obstacle_region(
     return found
 
 
-SHAPES: dict[str, tuple[Callable[..., scene.Shape], tuple[str, ...]]] = {
-    "segment": (scene.Segment, ("start", "end")),
-    "circle": (scene.Circle, ("centre", "radius")),
-    "cone": (scene.Cone, ("apex", "heading", "half_angle", "range")),
-    "footprint": (scene.Footprint, ("apex", "heading", "corners")),
+SHAPES: dict[str, tuple[Callable[..., region.Shape], tuple[str, ...]]] = {
+    "segment": (region.Segment, ("start", "end")),
+    "circle": (region.Circle, ("centre", "radius")),
+    "cone": (region.Cone, ("apex", "heading", "half_angle", "range")),
+    "footprint": (region.Footprint, ("apex", "heading", "corners")),
 }
 MOVING = ("cone", "footprint")
 """Shapes that move with a vehicle; all others are stationary and depend on no state."""
@@ -184,7 +193,7 @@ MOVING = ("cone", "footprint")
 
 def composed_shape(
     file: str, key: str, spec: ShapeSpec, names: Mapping[str, sp.Expr], known: Container[str]
-) -> scene.Shape:
+) -> region.Shape:
     """The shape of one table; `known` are the names that are constant during a run."""
     if spec.kind not in MOVING:
         names = {n: e for n, e in names.items() if n in known or n == "pi"}
@@ -504,3 +513,105 @@ class Composer:
                 description=spec.description,
                 source=spec.source,
             )
+
+
+LATE = ("lag", "slew")
+"""Of actuators: keys of the vehicle that moves, not of the model that laws and kernels are of."""
+REDUCTIONS = ("keep", "promote", "disturb", "extend", "unmodelled", *LATE)
+VEHICLE = "vehicle"
+"""In place of the table of lags: those of the vehicle file, with its slews."""
+STEADY = "steady"
+"""Replaces an interval: the velocities that the inputs can hold in still water."""
+
+
+def composed_system(composer: Composer, table: Mapping[str, Any]) -> System:
+    """The system of the table, reduced as given there, and registered with the composer."""
+    system = composer.system({k: v for k, v in table.items() if k not in REDUCTIONS})
+    if "keep" in table:
+        kept = table["keep"]
+        with at(composer.file, "system.keep"):
+            if not (isinstance(kept, list) and kept and all(isinstance(n, str) for n in kept)):
+                raise ScenarioError(f"got {kept!r}", expected='states, such as ["u", "v", "r"]')
+            system = subsystem(system, tuple(kept))
+    if "promote" in table or "disturb" in table:
+        inputs, box = _intervals(composer, system, table, "promote")
+        felt, felt_box = _intervals(composer, system, table, "disturb")
+        with at(composer.file, "system.promote"):
+            if not inputs:
+                raise ScenarioError("'disturb' without 'promote'", remedy="name the inputs")
+            system = promote(system, inputs, box, disturbances=felt, disturbance_bounds=felt_box)
+    if "extend" in table:
+        names, rates = _intervals(composer, system, table, "extend")
+        with at(composer.file, "system.extend"):
+            composer.limits = input_limits(system, names)
+            system = dynamic_extension(system, names, rates)
+    if "unmodelled" in table:
+        names, bounds = _intervals(composer, system, table, "unmodelled")
+        assert bounds is not None
+        with at(composer.file, "system.unmodelled"):
+            system = add_unmodelled(system, names, bounds)
+    composer.system_built = system
+    return system
+
+
+def plant_of(composer: Composer, system: System, table: Mapping[str, Any]) -> System:
+    """The system that moves: with the lag and slew of its inputs, which the law does not know."""
+    if "lag" not in table and "slew" not in table:
+        return system
+    units = actuator_units(system)
+    late = None
+    if table.get("lag") != VEHICLE:
+        late = _numbers(composer, table, "lag", dict.fromkeys(units, "s"))
+    slew = _numbers(composer, table, "slew", {n: per_second(u) for n, u in units.items()})
+    with at(composer.file, "system"):
+        plant = lagged(system, late, slew or None)
+    composer.declare(plant.parameters)
+    return plant
+
+
+def _numbers(
+    composer: Composer, table: Mapping[str, Any], key: str, units: Mapping[str, str]
+) -> dict[str, float]:
+    """A number for each of the inputs or actuators named under `key`."""
+    given = table.get(key, {})
+    with at(composer.file, f"system.{key}"):
+        if not isinstance(given, Mapping):
+            vehicle = " or 'vehicle'" if key == "lag" else ""
+            raise ScenarioError(f"got {given!r}", expected=f"{{ input = number }}{vehicle}")
+        for name in given:
+            if name not in units:
+                raise ScenarioError("unknown name", remedy=suggestion(name, units))
+        return {name: to_si(value, units[name]) for name, value in given.items()}
+
+
+def _intervals(
+    composer: Composer, system: System, table: Mapping[str, Any], key: str
+) -> tuple[tuple[str, ...], Box | None]:
+    """The states named under `key`, and the box of their intervals."""
+    if key not in table:
+        return (), None
+    given = table[key]
+    inputs = {q.name: q.unit for q in system.inputs}
+    units = {q.name: q.unit for q in system.states}
+    if key == "extend":
+        units = {n: per_second(unit) for n, unit in inputs.items()}
+    if key == "unmodelled":
+        units = {n: per_second(unit) for n, unit in units.items()} | inputs
+    with at(composer.file, f"system.{key}"):
+        if not isinstance(given, Mapping) or not given:
+            raise ScenarioError(f"got {given!r}", expected="{ state = [lowest, highest] }")
+        sides = []
+        for name, interval in given.items():
+            if name not in units:
+                raise ScenarioError("unknown name", remedy=suggestion(name, units))
+            if interval == STEADY and key == "promote":
+                held = steady_bounds(system, (name,))
+                sides.append([float(held.lower[0]), float(held.upper[0])])
+                continue
+            if not isinstance(interval, list) or len(interval) != 2:
+                raise ScenarioError(
+                    f"'{name}' has {interval!r}", expected=f"[lowest, highest] or '{STEADY}'"
+                )
+            sides.append([to_si(side, units[name]) for side in interval])
+        low, high = zip(*sides, strict=True)
+        return tuple(given), Box(low, high)

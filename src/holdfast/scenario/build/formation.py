@@ -25,12 +25,11 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.functions import magnitude
 from holdfast.maths.formations.chain import chain_in_view, joint_law
-from holdfast.planning.corners import Convoy, Corner, Course, Pose, route_corners
+from holdfast.planning.corners import Convoy, Corner, Course, Pose, lead_along, route_corners
 from holdfast.planning.environment import CLOSE, Environment, environment, geojson_cells, plan_route
 from holdfast.planning.fields import route_fields
-from holdfast.planning.leader import lead_along
 from holdfast.scenario.build.composer import Composer
-from holdfast.scenario.schema.formation import FormationSpec
+from holdfast.scenario.schema.closed_loop import FormationSpec
 from holdfast.scenario.validation import at
 
 WINDOWS = ("approach_leader", "follow_leader")

@@ -16,8 +16,7 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.parser import parse_number
-from holdfast.scenario.build.composer import Composer
-from holdfast.scenario.build.system import composed_system, plant_of
+from holdfast.scenario.build.composer import Composer, composed_system, plant_of
 from holdfast.scenario.files import scenario_title
 from holdfast.scenario.schema.kernel import CERTIFIED, KernelSpec, MarchSpec
 from holdfast.scenario.validation import at, validated

@@ -1,31 +1,37 @@
-"""[law], [redesign], [tracking], [safeguard]: the executed law from the tables."""
+"""[law], [redesign], [tracking], [safeguard]: the executed law from the tables.
+
+[law] external is another controller, a program that `holdfast run --controller` starts.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
 
 from holdfast.errors import ScenarioError, suggestion
+from holdfast.execution.arrays import Array
+from holdfast.execution.simulation.closed_loop import Alive
+from holdfast.host.program import TOGETHER, Programs
 from holdfast.maths.catalogue import laws
 from holdfast.maths.catalogue.laws.follow_leader import FOLLOWERS
 from holdfast.maths.catalogue.signature import accepted_parameters, arguments, wants_law
 from holdfast.maths.control.blended_redesign import redesign
 from holdfast.maths.control.command import commanded
-from holdfast.maths.control.observer import observe
+from holdfast.maths.control.observer import observe, observe_set
 from holdfast.maths.control.rate_limits import limit_rates
 from holdfast.maths.control.safety_filter import over_time, safeguard
-from holdfast.maths.control.set_observer import observe_set
 from holdfast.maths.control.unmodelled import PREFIX, cancel_unmodelled
 from holdfast.maths.control.velocity_tracking import track_velocity
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.measurement import by_measurements
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.system import System, by_measurements
 from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.parser import parse_condition, parse_number
 from holdfast.scenario.build.composer import Composer
-from holdfast.scenario.external import ExternalSpec
 from holdfast.scenario.schema.closed_loop import (
     ObserverSpec,
     OutputsSpec,
@@ -34,7 +40,51 @@ from holdfast.scenario.schema.closed_loop import (
     SafeguardSpec,
     ScenarioSpec,
 )
+from holdfast.scenario.schema.values import Name, Section, Text
 from holdfast.scenario.validation import at, validated
+
+
+class ExternalSpec(Section):
+    """[law] of another controller, which `holdfast run --controller` starts.
+
+    external: true for the inputs of the system, or the names of what it commands.
+    """
+
+    external: Literal[True] | Annotated[list[Name], Field(min_length=1)]
+    description: Text = ""
+
+
+def commander_of(
+    file: str, system: System, law: Law | Switching, controller: str
+) -> Programmed | None:
+    """The controller that hands the law its command; None for a law that needs none.
+
+    controller: the command line that starts it. Raises `ScenarioError` where there is none.
+    """
+    if not law.handed:
+        return None
+    names = [q.name.removeprefix("command_") for q in law.handed]
+    if not controller:
+        raise ScenarioError(
+            f"{file}: law: another controller commands {', '.join(names)}",
+            remedy="give holdfast run --controller 'COMMAND', in Python with_controller('COMMAND')",
+        )
+    return Programmed(Programs(controller, system.state_names, names))
+
+
+class Programmed:
+    """Processes as the controller of many runs (`handed.Commander`)."""
+
+    most = TOGETHER
+
+    def __init__(self, programs: Programs) -> None:
+        self.programs = programs
+        self.begin, self.end = programs.begin, programs.end
+
+    def command(self, t: float, states: Array, alive: Alive) -> Array:
+        told = states[:, : len(self.programs.states)]  # not what the lag of actuators adds
+        return np.array(self.programs.answers(t, told.tolist(), alive.tolist()))
+
 
 Settings = dict[str, Any]
 """Of a safety filter: arguments of `SafetyFilter`."""

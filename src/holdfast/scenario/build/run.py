@@ -14,8 +14,7 @@ from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import check_unit, to_si
 from holdfast.scenario.build.composer import Composer
-from holdfast.scenario.schema.closed_loop import RunSpec, ScenarioSpec, VariedSpec
-from holdfast.scenario.schema.formation import FormationSpec
+from holdfast.scenario.schema.closed_loop import FormationSpec, RunSpec, ScenarioSpec, VariedSpec
 from holdfast.scenario.validation import at
 
 

@@ -17,15 +17,15 @@ from holdfast.analysis.simulation.simulate import simulate
 from holdfast.analysis.simulation.starts import Starts
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.resources import Progress
-from holdfast.host.writing import make_folder, saved, write_summary
+from holdfast.host.files import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.parser import parse_expression, parse_number
-from holdfast.scenario.build.composer import Composer
-from holdfast.scenario.build.law_chain import composed_law
+from holdfast.scenario.build.composer import Composer, composed_system, plant_of
+from holdfast.scenario.build.law_chain import commander_of, composed_law
 from holdfast.scenario.build.run import (
     drawn_names,
     drawn_ranges,
@@ -34,18 +34,21 @@ from holdfast.scenario.build.run import (
     settings_of,
     starts_of,
 )
-from holdfast.scenario.build.system import composed_system, plant_of
-from holdfast.scenario.external import commander_of
 from holdfast.scenario.files import overridden, scenario_title
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
-from holdfast.scenario.schema.closed_loop import FiguresSpec, Header, ScenarioSpec
-from holdfast.scenario.schema.formation import FormationFigures, FormationHeader
+from holdfast.scenario.schema.closed_loop import (
+    FiguresSpec,
+    FormationFigures,
+    FormationHeader,
+    Header,
+    ScenarioSpec,
+)
 from holdfast.scenario.validation import at, validated
 
 if TYPE_CHECKING:
     from holdfast.analysis.online.safety_filter import SafetyFilter
     from holdfast.analysis.simulation.aggregates import Entry
-    from holdfast.scenario.safety_filter import Safety
+    from holdfast.scenario.kernel_reference import Safety
 
 
 def check_kernels(file: str, data: Mapping[str, Any]) -> None:
@@ -169,7 +172,7 @@ class Scenario(Composed):
     def safety_filter(self, progress: Progress | None = None) -> SafetyFilter:
         if self.filtering is None or not self.law.handed:
             return super().safety_filter(progress)
-        from holdfast.scenario.safety_filter import online_filter
+        from holdfast.scenario.kernel_reference import online_filter
 
         return online_filter(self, self.filtering, progress)
 
@@ -348,7 +351,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
 def _safety(file: str, spec: ScenarioSpec, system: System) -> Safety | None:
     if spec.safety is None:
         return None
-    from holdfast.scenario.safety_filter import composed_safety  # with value functions
+    from holdfast.scenario.kernel_reference import composed_safety  # with value functions
 
     return composed_safety(file, spec, system)
 

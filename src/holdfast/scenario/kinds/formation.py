@@ -13,7 +13,7 @@ from holdfast.maths.definitions.variation import Varied
 from holdfast.scenario.build.run import settings_of
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
 from holdfast.scenario.kinds.closed_loop import Scenario, about, seeded
-from holdfast.scenario.schema.formation import FormationFigures, FormationSpec
+from holdfast.scenario.schema.closed_loop import FormationFigures, FormationSpec
 from holdfast.scenario.validation import validated
 
 if TYPE_CHECKING:

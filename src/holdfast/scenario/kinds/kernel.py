@@ -16,12 +16,11 @@ from holdfast.analysis.reachability.posed_march import finer
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import FORMER
-from holdfast.analysis.safety.validation import check_promise, default_promise
-from holdfast.analysis.safety.verdict import Promise
+from holdfast.analysis.safety.validation import Promise, check_promise, default_promise
 from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import RenamedWarning, ScenarioError, SimulationError
 from holdfast.execution.resources import Progress
-from holdfast.host.writing import make_folder, saved, write_summary
+from holdfast.host.files import make_folder, saved, write_summary
 from holdfast.maths.definitions.region import Region
 from holdfast.scenario.build.kernel import kernel_parts
 from holdfast.scenario.files import overridden

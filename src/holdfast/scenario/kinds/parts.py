@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from holdfast.analysis.decomposition.decompose import decompose
+from holdfast.analysis.decomposition.decompose import decompose, solve_parts
 from holdfast.analysis.decomposition.decomposition import Decomposition
 from holdfast.analysis.decomposition.parts_promise import (
     PartsPromise,
@@ -17,12 +17,11 @@ from holdfast.analysis.decomposition.parts_promise import (
     default_parts_promise,
 )
 from holdfast.analysis.decomposition.parts_value import PartsValue
-from holdfast.analysis.decomposition.solve_parts import solve_parts
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import ScenarioError, SimulationError
 from holdfast.execution.resources import Progress
-from holdfast.host.writing import make_folder, saved, write_summary
+from holdfast.host.files import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching
 from holdfast.scenario.build.kernel import Apart

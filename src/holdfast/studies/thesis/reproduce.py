@@ -15,7 +15,7 @@ from typing import Any
 
 from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.execution.cache import code_digest
-from holdfast.host.writing import make_folder, write_text
+from holdfast.host.files import make_folder, write_text
 from holdfast.scenario.files import files_digest
 from holdfast.scenario.schema.claims import ChapterSpec, ClaimSpec, TrialSpec
 from holdfast.scenario.validation import at, validated

@@ -2,10 +2,15 @@
 
 What gains cost is measured in closed loop: many candidates in one simulation, from the same starts.
 Candidates are Sobol points, of which the admissible ones begin a differential evolution.
+
+The gains that may be chosen, and the ranges they are searched in, are those of a scenario's law.
+Each law is built as the scenario builds it, with all refusals. The closed loop is compiled once for
+all, since the expressions are the same and only the parameters differ.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,7 +23,7 @@ from scipy.optimize import NonlinearConstraint, differential_evolution
 from scipy.stats import qmc
 
 from holdfast.analysis.safety.gain_conditions import JudgedCondition, corners_of, judged
-from holdfast.analysis.simulation.named_arrays import NamedArrays
+from holdfast.analysis.simulation.files import NamedArrays
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.tuning import COSTS, Candidate, Costs, Tuning
 from holdfast.arguments import checked
@@ -27,16 +32,193 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
-from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.catalogue import laws
+from holdfast.maths.catalogue.signature import arguments, leading_argument
+from holdfast.maths.definitions.law import GainCondition, Law
+from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.variation import Varied
-from holdfast.scenario.candidates import LawFamily
+from holdfast.maths.nonholonomic.chained_feedback import POLE
+from holdfast.scenario.build.composer import Composer, composed_system
+from holdfast.scenario.build.law_chain import composed_law
+from holdfast.scenario.build.run import drawn_names
 from holdfast.scenario.edited import edited_text
-from holdfast.scenario.files import read_tables
+from holdfast.scenario.files import overridden, read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import check_overrides, scenario_of
+from holdfast.scenario.schema.closed_loop import ScenarioSpec
+from holdfast.scenario.validation import validated
 from holdfast.studies.comparison.compare import in_case
-from holdfast.studies.tuning.gains import Gain, gains_of
+from holdfast.studies.scenario_parameter import Knob, find_knob, last_part
+from holdfast.studies.sweep.sweep import Axis, Over, read_over
+
+PREFIX = "law."
+
+
+class LawFamily:
+    """The laws of the scenario of these tables at other numbers of [law]."""
+
+    def __init__(self, file: str, data: dict[str, Any]) -> None:
+        self.file, self.data = file, data
+        spec = validated(ScenarioSpec, data, file)
+        composer = Composer(file)
+        self._system = composed_system(composer, spec.system)
+        composer.drawn = drawn_names(composer, self._system, spec.varied)
+        self._region = composer.region(spec.region, "region") if spec.region is not None else None
+        self._composer = composer
+        self._first = self._built(data)
+
+    def at(self, settings: Iterable[str]) -> tuple[dict[str, float], tuple[GainCondition, ...]]:
+        """The parameters by name, and the conditions, of the law with overrides law.KEY=VALUE.
+
+        Raises what the law raises, and `ScenarioError` for a number that changes the law's
+        expressions rather than a parameter.
+        """
+        law = self._built(overridden("", self.data, settings)[1])
+        if _expressions(law) != _expressions(self._first):
+            raise ScenarioError(
+                f"{self.file}: {', '.join(settings)}: the expressions of the law change with it",
+                expected="the key of a number that is a parameter of the law",
+            )
+        return {p.name: p.value for p in law.parameters}, law.conditions
+
+    def _built(self, data: Mapping[str, Any]) -> Switching:
+        spec = validated(ScenarioSpec, data, self.file).model_copy(update=_NO_MORE)
+        own = copy.copy(self._composer)
+        own.known, own.drawn = dict(own.known), dict(own.drawn)
+        law, _ = composed_law(own, spec, self._system, self._region)
+        return as_switching(law)
+
+
+_NO_MORE: dict[str, None] = {"tracking": None, "safeguard": None, "observer": None}
+"""Tables that change neither the conditions of a law nor its own parameters."""
+
+
+def _expressions(law: Switching) -> tuple[object, ...]:
+    modes = tuple((n, *mode.outputs.values()) for n, mode in law.modes.items())
+    return (modes, law.transitions, tuple(law.signals.items()))
+
+
+FACTOR = 4.0
+"""The default range of a gain is from its own value divided by this to its value times this."""
+
+RANGE = "KEY=LOW:HIGH, a gain and its range"
+
+DIGITS = 4
+"""Significant digits of a chosen gain."""
+
+LISTS = ("poles", "gains")
+"""Arguments of a law that hold several gains, or one for all."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A gain with its key, its value in the scenario, and its range in the unit of the range."""
+
+    axis: Axis
+    own: float
+
+    @property
+    def key(self) -> str:
+        return self.axis.knob.key
+
+    @property
+    def unit(self) -> str:
+        return self.axis.over.unit or self.axis.knob.unit
+
+    def at(self, share: float) -> float:
+        """The value at that share of the range, 0 to 1, to `DIGITS` digits."""
+        low, high = self.axis.over.values
+        value = low * (high / low) ** share if low * high > 0 else low + share * (high - low)
+        return float(f"{value:.{DIGITS}g}")
+
+    def share(self, value: float) -> float:
+        """The inverse of `at`, before rounding; outside [0, 1] for a value out of the range."""
+        low, high = self.axis.over.values
+        if low * high > 0:
+            return math.log(value / low) / math.log(high / low) if value * low > 0 else math.nan
+        return (value - low) / (high - low)
+
+    def settings(self, value: float) -> tuple[str, ...]:
+        """The overrides KEY=VALUE."""
+        return self.axis.settings(value)
+
+
+def gains_of(own: Scenario, data: Mapping[str, Any], asked: Iterable[str]) -> list[Gain]:
+    """The gains that are asked for, "k1=0.05:0.5" or "k1" alone, or all of the law's.
+
+    Raises `ScenarioError` for a law without gains, a key that is none of [law], and a gain that is
+    no number.
+    """
+    texts = list(asked) or _all(own, data)
+    if not texts:
+        raise ScenarioError(
+            f"{own.file}: the law '{data['law'].get('name', own.law.name)}' names no gains",
+            remedy="name numbers of [law] with --gain KEY=LOW:HIGH",
+        )
+    found = [_gain(own, data, text) for text in texts]
+    keys = [gain.key for gain in found]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ScenarioError(f"--gain {key}: occurs twice")
+    return found
+
+
+def _all(own: Scenario, data: Mapping[str, Any]) -> list[str]:
+    table = data["law"]
+    function = next((f for f in laws.ALL if f.__name__ == table.get("name")), None)
+    flagged = {p.name for p in own.law.parameters if p.gain}
+    if function is None:
+        return [n for n in table.get("parameters", {}) if n in flagged]
+    leading = int(leading_argument(function) == "system")
+    structural, numeric = arguments(function, leading)
+    names = [f"{PREFIX}{n}" for n in numeric if n in flagged]
+    for name in LISTS:
+        given = table.get(name)
+        if isinstance(given, list):
+            places = [i for i, v in enumerate(given) if isinstance(v, int | float)]
+            names += [f"{PREFIX}{name}.{i}" for i in places]
+    if "poles" in structural and not isinstance(table.get("poles"), list) and "gains" not in table:
+        names.append(f"{PREFIX}poles")
+    return names
+
+
+def _gain(own: Scenario, data: Mapping[str, Any], text: str) -> Gain:
+    name = text.partition("=")[0].strip()
+    knob = _knob(own, data, name)
+    if not knob.key.startswith(PREFIX):
+        raise ScenarioError(f"--gain {name}: the key is {knob.key}", expected="a number of [law]")
+    if knob.own is None:  # the file leaves the law's own value
+        mine = [p.value for p in own.law.parameters if p.name == last_part(knob.key)]
+        knob = replace(knob, own=mine[0] if mine else None)
+    if knob.own is None or not math.isfinite(knob.own):
+        raise ScenarioError(f"--gain {name}: {knob.key} is not a number")
+    if "=" in text:
+        over = read_over(text, latin=True, option="--gain", expected=RANGE)
+    else:
+        over = _around(own, knob, knob.own)
+    return Gain(Axis(knob.key, knob, over), knob.own)
+
+
+def _knob(own: Scenario, data: Mapping[str, Any], name: str) -> Knob:
+    if name in ("poles", f"{PREFIX}poles") and "poles" not in data["law"]:
+        key = f"{PREFIX}poles"
+        return Knob(key, "poles", "1/s", POLE, lambda value: (f"{key}={value}",))
+    return find_knob(own, data, name)
+
+
+def _around(own: Scenario, knob: Knob, value: float) -> Over:
+    """From a quarter to four times the value, counted from the parameter's lower limit."""
+    name = last_part(knob.key)
+    least: Sequence[float] = [p.above for p in own.law.parameters if p.name == name]
+    floor = least[0] if least and math.isfinite(least[0]) else 0.0
+    if value == floor:
+        raise ScenarioError(
+            f"--gain {name}: its value is {value:g}, around which there is no range",
+            expected=f"--gain {name}=LOW:HIGH",
+        )
+    ends = [floor + (value - floor) / FACTOR, floor + (value - floor) * FACTOR]
+    return Over(knob.key, tuple(sorted(ends)), "", True)
+
 
 INSTANTS = 400
 """Samples of the inputs, about, from which the effort is taken."""

@@ -10,7 +10,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.leaf import Evaluator
 from tests.runs_at_rest import LIMIT, settled
 
 ROOT = Path(__file__).parents[4]

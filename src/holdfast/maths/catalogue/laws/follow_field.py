@@ -9,8 +9,7 @@ from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.system import System
-from holdfast.maths.nonholonomic.field_following import alignment, law_outputs
-from holdfast.maths.nonholonomic.structure import structure
+from holdfast.maths.nonholonomic.structure import alignment, law_outputs, structure
 
 
 @checked

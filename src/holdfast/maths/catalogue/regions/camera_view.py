@@ -6,8 +6,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
-from holdfast.maths.definitions.region import Inequality, Region
-from holdfast.maths.definitions.scene import Cone, Segment
+from holdfast.maths.definitions.region import Cone, Inequality, Region, Segment
 from holdfast.maths.expressions.functions import angle, wrap
 
 

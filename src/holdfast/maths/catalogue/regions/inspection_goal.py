@@ -6,8 +6,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
-from holdfast.maths.definitions.region import Inequality, Region
-from holdfast.maths.definitions.scene import Circle
+from holdfast.maths.definitions.region import Circle, Inequality, Region
 from holdfast.maths.expressions.functions import angle, greatest, least, length, magnitude, wrap
 from holdfast.maths.reference_fields.dipole import GUARD
 

@@ -6,8 +6,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
-from holdfast.maths.definitions.region import Inequality, Region
-from holdfast.maths.definitions.scene import Circle, Footprint
+from holdfast.maths.definitions.region import Circle, Footprint, Inequality, Region
 from holdfast.maths.expressions.functions import angle, length, magnitude
 from holdfast.maths.formations.footprint import body_coordinates, polygon, side_parameters, triangle
 from holdfast.maths.reference_fields.dipole import GUARD, UNSEEN

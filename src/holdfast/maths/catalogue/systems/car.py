@@ -6,9 +6,8 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.maths.catalogue.systems.limits import Limit, limited
-from holdfast.maths.definitions.flat_output import FlatOutput
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
-from holdfast.maths.definitions.system import PfaffianRow, System
+from holdfast.maths.definitions.system import FlatOutput, PfaffianRow, System
 
 SOURCE = "R. M. Murray and S. S. Sastry, Nonholonomic motion planning, IEEE TAC 38(5), 1993"
 

@@ -10,9 +10,8 @@ import sympy as sp
 from holdfast.maths.catalogue.systems.leader_follower import sight
 from holdfast.maths.catalogue.systems.unicycle import unicycle
 from holdfast.maths.definitions.compose_systems import renamed, side_by_side
-from holdfast.maths.definitions.measurement import Measurement
 from holdfast.maths.definitions.quantity import symbol, whole_number
-from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.system import Measurement, System
 
 
 def robot_names(followers: int) -> tuple[str, ...]:

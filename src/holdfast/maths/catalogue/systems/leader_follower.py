@@ -9,9 +9,8 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.maths.catalogue.systems.unicycle import unicycle
 from holdfast.maths.definitions.compose_systems import renamed, seen_from
-from holdfast.maths.definitions.measurement import Measurement
 from holdfast.maths.definitions.quantity import Parameter, symbol
-from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.system import Measurement, System
 from holdfast.maths.expressions.functions import angle, length
 from holdfast.maths.reference_fields.dipole import UNSEEN
 

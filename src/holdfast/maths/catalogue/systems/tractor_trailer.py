@@ -7,9 +7,8 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.systems.limits import Limit, limited
-from holdfast.maths.definitions.flat_output import Antiderivative, FlatOutput
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol, whole_number
-from holdfast.maths.definitions.system import PfaffianRow, System
+from holdfast.maths.definitions.system import Antiderivative, FlatOutput, PfaffianRow, System
 
 LENGTHS = (0.5, 0.5, 0.5)
 
