@@ -27,7 +27,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.scenario.kinds.closed_loop import Scenario
-from holdfast.studies.comparison.compare import variant
+from holdfast.studies.comparison import variant
 
 NOMINAL = "safeguard.uncertain="
 LAST = "run.record_every=150.0"

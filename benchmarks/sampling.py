@@ -14,7 +14,7 @@ from collections.abc import Callable
 import holdfast as hf
 from holdfast.errors import GainWarning
 from holdfast.maths.control.safety_filter import longest_hold
-from holdfast.studies.comparison.compare import variant
+from holdfast.studies.comparison import variant
 
 LAWS = {
     "legs, safeguarded": ("ch5-rescue", "5 N"),

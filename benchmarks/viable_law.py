@@ -15,13 +15,13 @@ import tomllib
 import numpy as np
 
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
+from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.leaf import BLOCK, columns
-from holdfast.execution.scalar import called
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.scenario.files import read_text
-from holdfast.studies.comparison.compare import variant
+from holdfast.studies.comparison import variant
 
 COUNT = 200 * BLOCK
 

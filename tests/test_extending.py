@@ -32,10 +32,10 @@ from dataclasses import dataclass
 
 from pydantic import BaseModel
 
-from holdfast.analysis.simulation.aggregates import Entry
+from holdfast.analysis.simulation.law_comparison import Entry
 from holdfast.host.files import make_folder, write_summary
 from holdfast.scenario.kinds.base import Composed, Kind
-from holdfast.scenario.validation import validated
+from holdfast.scenario.schema.values import validated
 
 
 class Tables(BaseModel):

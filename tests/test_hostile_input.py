@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import holdfast as hf
 from holdfast.errors import GainWarning, HoldfastError
-from holdfast.maths.definitions.units import check_unit, to_si
+from holdfast.maths.definitions.quantity import check_unit, to_si
 from holdfast.maths.expressions.parser import parse_condition, parse_expression
 from holdfast.scenario.files import read_text
 from holdfast.scenario.load import load_scenario

@@ -1,10 +1,10 @@
 """Every public name and its home, once: type checkers and the lazy imports read it here."""
 
 from ._version import __version__ as __version__
-from .analysis.boundary.boundary import Boundary as Boundary
-from .analysis.boundary.boundary import check_viability as check_viability
-from .analysis.boundary.boundary import contingent_cone as contingent_cone
-from .analysis.boundary.boundary import regulation_map as regulation_map
+from .analysis.boundary import Boundary as Boundary
+from .analysis.boundary import check_viability as check_viability
+from .analysis.boundary import contingent_cone as contingent_cone
+from .analysis.boundary import regulation_map as regulation_map
 from .analysis.certificates.certificate import Certificate as Certificate
 from .analysis.certificates.certified_law import certified_law as certified_law
 from .analysis.certificates.certified_law import certified_system as certified_system
@@ -66,8 +66,8 @@ from .analysis.simulation.result import station_statistics as station_statistics
 from .analysis.simulation.simulate import simulate as simulate
 from .analysis.simulation.starts import Starts as Starts
 from .analysis.simulation.sweep_table import Campaign as Campaign
-from .analysis.simulation.tuning import Costs as Costs
-from .analysis.simulation.tuning import Tuning as Tuning
+from .analysis.simulation.sweep_table import Costs as Costs
+from .analysis.simulation.sweep_table import Tuning as Tuning
 from .errors import GainWarning as GainWarning
 from .errors import HoldfastError as HoldfastError
 from .errors import ModelWarning as ModelWarning
@@ -82,19 +82,19 @@ from .maths.catalogue import fields as fields
 from .maths.catalogue import laws as laws
 from .maths.catalogue import regions as regions
 from .maths.catalogue import systems as systems
+from .maths.catalogue.laws.hold_station import StationKeepingLimits as StationKeepingLimits
+from .maths.catalogue.laws.hold_station import station_keeping_limits as station_keeping_limits
 from .maths.catalogue.vehicles import load_vehicle as load_vehicle
 from .maths.control.barrier_conditions import viability_conditions as viability_conditions
 from .maths.control.blended_redesign import redesign as redesign
 from .maths.control.command import commanded as commanded
-from .maths.control.lyapunov import ultimate_bound as ultimate_bound
+from .maths.control.gain_conditions import ultimate_bound as ultimate_bound
 from .maths.control.observer import observe as observe
 from .maths.control.observer import observe_set as observe_set
 from .maths.control.outward_rates import outward_rates as outward_rates
-from .maths.control.rate_limits import limit_rates as limit_rates
 from .maths.control.safety_filter import in_order as in_order
+from .maths.control.safety_filter import limit_rates as limit_rates
 from .maths.control.safety_filter import safeguard as safeguard
-from .maths.control.station_keeping_limits import StationKeepingLimits as StationKeepingLimits
-from .maths.control.station_keeping_limits import station_keeping_limits as station_keeping_limits
 from .maths.control.unmodelled import add_unmodelled as add_unmodelled
 from .maths.control.unmodelled import cancel_unmodelled as cancel_unmodelled
 from .maths.control.velocity_tracking import track_velocity as track_velocity
@@ -165,10 +165,10 @@ from .scenario.kinds.closed_loop import Scenario as Scenario
 from .scenario.kinds.kernel import KernelScenario as KernelScenario
 from .scenario.load import load_scenario as load_scenario
 from .studies.certification import largest_certified as largest_certified
-from .studies.comparison.compare import compare as compare
+from .studies.comparison import compare as compare
 from .studies.derivation import Derivation as Derivation
 from .studies.derivation import explain as explain
 from .studies.disturbance_margin import disturbance_margin as disturbance_margin
 from .studies.exploration import explore as explore
-from .studies.sweep.sweep import sweep as sweep
-from .studies.tuning.tune import tune as tune
+from .studies.sweep import sweep as sweep
+from .studies.tuning import tune as tune

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.foreseen import CUTS, numbers_of_search
-from holdfast.execution.scalar import called
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.execution.table_in_parts import slopes_at, values_at
 from tests.execution.simulation.random_programs import solved

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.look_in_cells import look_in_cells
-from holdfast.execution.scalar import called
 
 EDGES = (np.array([-1.0, -0.7, 0.1, 0.25, 1.0]), np.linspace(-math.pi, math.pi, 6))
 ROWS = np.array([[0.5, -2.0], [1.5, 0.25], [-0.125, 3.0]])

@@ -6,7 +6,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.control.lyapunov import surge_gain_limit
+from holdfast.maths.control.gain_conditions import surge_gain_limit
 from holdfast.maths.reference_fields.dipole import dipolar_field, field_angle
 from tests.conftest import number_at
 

@@ -17,8 +17,7 @@ from holdfast.planning.corners import (
     turning_radii,
     zero_off_tracking_gain,
 )
-from holdfast.planning.environment import environment, plan_route
-from holdfast.planning.fields import route_fields
+from holdfast.planning.environment import environment, plan_route, route_fields
 from tests.planning.spaces import CORNER, box
 
 

@@ -12,8 +12,7 @@ from holdfast.errors import DefinitionError
 from holdfast.maths.expressions.functions import greatest
 from holdfast.maths.formations.cell_field import blended, direction_of, exit_field
 from holdfast.maths.formations.footprint import edges, polygon
-from holdfast.planning.environment import environment, plan_route
-from holdfast.planning.fields import DEPTH, route_fields
+from holdfast.planning.environment import DEPTH, environment, plan_route, route_fields
 from tests.planning.spaces import CORNER, box, ring
 
 X, Y = hf.symbol("x"), hf.symbol("y")
@@ -142,7 +141,7 @@ def test_cell_whose_dipolar_field_is_wrong_is_blended():
 
 
 def test_cell_whose_field_cannot_be_mended_is_named(monkeypatch):
-    monkeypatch.setattr("holdfast.planning.fields.blended", lambda field, *rest: field)
+    monkeypatch.setattr("holdfast.planning.environment.blended", lambda field, *rest: field)
     cells, start = hall()
     route = plan_route(environment(cells, 0.1), start, np.mean(cells["beyond"], axis=0))
     with pytest.raises(

@@ -8,7 +8,7 @@ from holdfast.errors import ScenarioError
 from holdfast.scenario.files import load_system, read_text
 from holdfast.scenario.kernel_reference import named_kernel
 from holdfast.scenario.load import load_scenario
-from holdfast.studies.comparison.compare import compare
+from holdfast.studies.comparison import compare
 from tests.scenario_files import CART
 
 LOOP = f"""

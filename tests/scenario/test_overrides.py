@@ -4,7 +4,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import ScenarioError
-from holdfast.studies.sweep.sweep import sweep
+from holdfast.studies.sweep import sweep
 
 UNUSED = "nothing depends on 'thrust_limit'"
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.decomposition.parts_promise import box_of_starts
+from holdfast.analysis.decomposition.parts_law import box_of_starts
 from holdfast.errors import ScenarioError
 from holdfast.scenario.load import load_scenario
 from holdfast.studies.catalogue import describe

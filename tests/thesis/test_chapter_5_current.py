@@ -10,7 +10,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.control.lyapunov import ultimate_bound
+from holdfast.maths.control.gain_conditions import ultimate_bound
 from holdfast.maths.expressions.functions import magnitude, wrap
 from tests.conftest import number_at
 

@@ -10,8 +10,8 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.analysis.simulation.law_comparison import Rate
-from holdfast.maths.control.lyapunov import surge_gain_limit
-from holdfast.studies.comparison.compare import variant
+from holdfast.maths.control.gain_conditions import surge_gain_limit
+from holdfast.studies.comparison import variant
 
 ROOT = Path(__file__).parents[2]
 NOMINAL = "safeguard.uncertain="

@@ -13,7 +13,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.control.lyapunov import docking_metric
+from holdfast.maths.control.gain_conditions import docking_metric
 from holdfast.maths.expressions.functions import magnitude
 from tests.thesis.closed_loops import solved, with_gains
 

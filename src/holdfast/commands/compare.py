@@ -33,7 +33,7 @@ def command(
     """
     from holdfast.presentation.studies.comparison import comparison_text
     from holdfast.scenario.files import scenario_title
-    from holdfast.studies.comparison.compare import compare
+    from holdfast.studies.comparison import compare
     from holdfast.studies.write_results import write_comparison
 
     folder = out if out is not None else Path("runs") / scenario_title(scenario)

@@ -60,7 +60,7 @@ def command(
     """
     from holdfast.presentation.studies.sweep import campaign_text
     from holdfast.scenario.files import scenario_title
-    from holdfast.studies.sweep.sweep import sweep
+    from holdfast.studies.sweep import sweep
     from holdfast.studies.write_results import write_campaign
 
     folder = out if out is not None else Path("runs") / scenario_title(scenario)

@@ -61,7 +61,7 @@ def command(
     """
     from holdfast.presentation.studies.tuning import tuning_text
     from holdfast.scenario.files import scenario_title
-    from holdfast.studies.tuning.tune import STARTS, tune
+    from holdfast.studies.tuning import STARTS, tune
     from holdfast.studies.write_results import write_tuning
 
     folder = out if out is not None else Path("runs") / scenario_title(scenario)

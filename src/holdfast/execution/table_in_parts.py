@@ -20,9 +20,9 @@ import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray, Array
+from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.resources import check_memory, is_room_for
-from holdfast.execution.scalar import called
 
 Whole = npt.NDArray[np.int64]
 

@@ -33,8 +33,7 @@ from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.expressions.functions import length, magnitude, wrap
 from holdfast.maths.formations.cell_field import direction_of
 from holdfast.maths.reference_fields.dipole import UNSEEN
-from holdfast.planning.environment import Environment, Leg, Passage, shown
-from holdfast.planning.fields import Fields, X, Y
+from holdfast.planning.environment import Environment, Fields, Leg, Passage, X, Y, shown
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import exact
-from holdfast.scenario.schema.values import Section, Text
-from holdfast.scenario.validation import validated
+from holdfast.scenario.schema.values import Section, Text, validated
 
 
 class CertificateSpec(Section):

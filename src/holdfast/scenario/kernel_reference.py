@@ -40,7 +40,7 @@ from holdfast.scenario.files import merged, read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
 from holdfast.scenario.schema.closed_loop import SafetySpec, ScenarioSpec
 from holdfast.scenario.schema.kernel import PROBLEMS
-from holdfast.scenario.validation import at
+from holdfast.scenario.schema.values import at
 
 if TYPE_CHECKING:
     from holdfast.scenario.kinds.closed_loop import Scenario

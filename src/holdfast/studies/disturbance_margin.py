@@ -12,14 +12,13 @@ from holdfast.analysis.reachability.solve import Answer, Kept, Margin, Tried, se
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError, suggestion
-from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.definitions.quantity import TIME, to_si
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.units import to_si
 from holdfast.maths.games.hamiltonian import hamiltonian, is_sharp
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
 from holdfast.scenario.load import check_overrides
-from holdfast.scenario.validation import at
+from holdfast.scenario.schema.values import at
 from holdfast.studies.scenario_parameter import CURRENT, Knob, check_number, find_knob
 
 KERNELS = ("viability-kernel", "discriminating-kernel", "invariance-kernel")

@@ -34,11 +34,10 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import Parameter
+from holdfast.maths.definitions.quantity import Parameter, in_base_units
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.units import in_base_units
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.numeric import Expression
 from holdfast.maths.expressions.parser import parse_expression

@@ -19,7 +19,7 @@ from holdfast.analysis.simulation.sweep_table import TEXTS, Campaign
 from holdfast.errors import HoldfastError, OutputError, ScenarioError
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
-from holdfast.maths.definitions.units import in_base_units
+from holdfast.maths.definitions.quantity import in_base_units
 from holdfast.scenario.files import read_tables, scenario_names
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import load_scenario
@@ -36,7 +36,7 @@ from holdfast.studies.exploration import (
     of_loop,
     rest_of,
 )
-from holdfast.studies.sweep.sweep import ASKED, content_digest
+from holdfast.studies.sweep import ASKED, content_digest
 
 TABLE = "sweep.nc"
 

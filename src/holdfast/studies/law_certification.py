@@ -15,7 +15,7 @@ from holdfast.errors import ScenarioError, SimulationError
 from holdfast.host.files import make_folder, write_summary
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import load_scenario
-from holdfast.scenario.validation import at
+from holdfast.scenario.schema.values import at
 
 
 def judged_law(

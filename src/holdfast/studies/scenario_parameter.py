@@ -9,7 +9,7 @@ from typing import Any
 
 from holdfast.analysis.reachability.problem import largest_factor
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
-from holdfast.maths.definitions.units import in_base_units
+from holdfast.maths.definitions.quantity import in_base_units
 from holdfast.maths.expressions.numeric import Expression, constant, multiple_of_name, norm
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.kinds.kernel import KernelScenario

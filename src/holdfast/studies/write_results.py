@@ -6,8 +6,7 @@ from pathlib import Path
 
 from holdfast.analysis.reachability.solve import Margin
 from holdfast.analysis.simulation.law_comparison import Comparison
-from holdfast.analysis.simulation.sweep_table import Campaign
-from holdfast.analysis.simulation.tuning import Tuning
+from holdfast.analysis.simulation.sweep_table import Campaign, Tuning
 from holdfast.host.files import make_folder, saved, write_summary, write_text
 
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.decomposition.parts_law import overshoot
-from holdfast.analysis.decomposition.parts_promise import check_parts, default_parts_promise
+from holdfast.analysis.decomposition.parts_law import check_parts, default_parts_promise, overshoot
 from holdfast.errors import SimulationError
 from tests.parted_systems import box, late_cart, walls
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.decomposition.parts_promise import check_parts
+from holdfast.analysis.decomposition.parts_law import check_parts
 from holdfast.errors import SimulationError
 from tests.parted_systems import box, late_cart, plane, towed, walls
 

@@ -11,8 +11,8 @@ import sympy as sp
 import holdfast as hf
 from holdfast.analysis.safety.sampled_value import _Game, patience_of, sampled_value
 from holdfast.errors import DefinitionError, SimulationError
+from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.foreseen import numbers_of_look
-from holdfast.execution.scalar import called
 from holdfast.execution.table_in_parts import values_at
 from tests.carts import WALLS, cart, swinging
 from tests.ridge_problems import drawn, ran

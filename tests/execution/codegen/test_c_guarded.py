@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.execution.codegen.scalar_c import scalars_c
+from holdfast.execution.codegen.c_printer import scalars_c
 from holdfast.execution.codegen.scalar_reader import scalars
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from tests.c_code import built, needs_gcc, pointer

@@ -7,7 +7,7 @@ import types
 import numpy as np
 import pytest
 
-from holdfast.execution.codegen.scalar_c import scalars_c
+from holdfast.execution.codegen.c_printer import scalars_c
 from holdfast.execution.codegen.scalar_llvm import scalars_text
 from holdfast.execution.codegen.scalar_reader import read
 from holdfast.execution.leaf import compiled_text

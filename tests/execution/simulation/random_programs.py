@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from holdfast.execution.scalar import called
+from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 
 MOST_ROWS = 14

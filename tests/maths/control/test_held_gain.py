@@ -7,8 +7,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.maths.control.held_gain import held_gain
-from holdfast.maths.control.lyapunov import surge_gain_limit
+from holdfast.maths.control.gain_conditions import held_gain, surge_gain_limit
 
 
 def errors(gain, late, steps=40_000):

@@ -6,7 +6,13 @@ import pytest
 from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.maths.catalogue.systems.marine_vehicle import PARAMETERS
 from holdfast.maths.catalogue.vehicles import vehicle_of
-from holdfast.maths.definitions.units import _FACTORS, UnitError, check_unit, in_base_units, to_si
+from holdfast.maths.definitions.quantity import (
+    _FACTORS,
+    UnitError,
+    check_unit,
+    in_base_units,
+    to_si,
+)
 from holdfast.maths.definitions.vehicle_file import vehicle_for, vehicle_names
 
 

@@ -11,7 +11,7 @@ from holdfast.analysis.certificates.arrival import flow_of
 from holdfast.analysis.certificates.cells import Counted, Floats, Truths, Wholes
 from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.certified_law import cell_table
-from holdfast.execution.scalar import called
+from holdfast.execution.codegen.scalar_llvm import called
 
 AROUND = (1e-6, 0.1)
 """Parts of a cell by which a state is enclosed. The way from a narrow box may have no room for the

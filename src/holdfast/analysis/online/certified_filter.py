@@ -21,8 +21,8 @@ from holdfast.analysis.certificates.certified_law import (
     check_usable,
 )
 from holdfast.analysis.certificates.proof import Proof
+from holdfast.analysis.online.controller import Given, numbers, time_of
 from holdfast.analysis.online.decision import Decision, Decisions, Status
-from holdfast.analysis.online.measurements import Given, numbers, time_of
 from holdfast.arguments import checked
 from holdfast.errors import ArgumentError, DefinitionError, SimulationError, suggestion
 from holdfast.execution.arrays import Array

@@ -12,14 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
+from holdfast.analysis.online.controller import Measurements
 from holdfast.analysis.online.decision import Decision, Status
 from holdfast.analysis.online.filter_law import Made
-from holdfast.analysis.online.measurements import Measurements
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
+from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.foreseen import numbers_of_look
 from holdfast.execution.leaf import Evaluator
-from holdfast.execution.scalar import called
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings

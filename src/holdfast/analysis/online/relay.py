@@ -20,8 +20,8 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from holdfast.analysis.online.certified_filter import CertifiedFilter
+from holdfast.analysis.online.controller import Given, numbers, time_of
 from holdfast.analysis.online.decision import Decision, DecisionRecord, Status
-from holdfast.analysis.online.measurements import Given, numbers, time_of
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, SimulationError, suggestion

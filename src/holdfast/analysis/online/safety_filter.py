@@ -31,8 +31,9 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from holdfast.analysis.decomposition.parts_promise import default_parts_promise
+from holdfast.analysis.decomposition.parts_law import default_parts_promise
 from holdfast.analysis.decomposition.parts_value import PartsValue
+from holdfast.analysis.online.controller import Given, Measurements, time_of
 from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.analysis.online.filter_law import (
     Keep,
@@ -42,7 +43,6 @@ from holdfast.analysis.online.filter_law import (
     filter_of,
     warn_of_reduction,
 )
-from holdfast.analysis.online.measurements import Given, Measurements, time_of
 from holdfast.analysis.online.reasons import Reasons
 from holdfast.analysis.reachability.value_function import Tried, ValueFunction
 from holdfast.analysis.safety.validation import FELL_SHORT, UNCONFIRMED, default_promise
@@ -63,8 +63,7 @@ from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.control.observer import observe, observe_set
-from holdfast.maths.control.rate_limits import limit_rates
-from holdfast.maths.control.safety_filter import Asked
+from holdfast.maths.control.safety_filter import Asked, limit_rates
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME, Quantity, symbol
 from holdfast.maths.definitions.region import Region

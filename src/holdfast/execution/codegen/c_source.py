@@ -39,10 +39,9 @@ from holdfast._version import __version__
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import AnyArray
-from holdfast.execution.codegen.c_printer import c_body, c_functions
+from holdfast.execution.codegen.c_printer import c_body, c_functions, scalars_c
 from holdfast.execution.codegen.closed_loop_program import ControllerProgram, controller_program
 from holdfast.execution.codegen.lowering import FUNCTIONS
-from holdfast.execution.codegen.scalar_c import scalars_c
 from holdfast.execution.codegen.scalar_reader import scalars
 from holdfast.execution.foreseen import CUTS, numbers_of_search
 from holdfast.execution.interpolate import numbers_of_places

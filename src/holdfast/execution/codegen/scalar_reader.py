@@ -3,7 +3,7 @@
 What a leaf cannot be, because it has loops whose length depends on numbers, is written as Python
 functions of numbers and arrays, such as `simulation/quadratic_program.py` and
 `level_set/sweep.py`. LLVM compiles the text (`scalar_llvm.py`); an exported law contains it as C
-(`scalar_c.py`); Python runs it as it is, except for the functions of `MACHINE`.
+(`c_printer.py`); Python runs it as it is, except for the functions of `MACHINE`.
 
 A parameter is `int`, `float`, `bool`, `Value` (a float in the precision of a march), or an array of
 one dimension: `Floats`, `Wholes`, `Flags` (bytes), `Values`, and `Table` (floats that may be stored

@@ -23,8 +23,8 @@ import numpy.typing as npt
 from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.loop_text import LANES_OF_BLOCK, LOG, RING, WIDTH
+from holdfast.execution.codegen.scalar_llvm import address
 from holdfast.execution.leaf import Leaves, Machine, compiled_leaves, compiled_text
-from holdfast.execution.scalar import address
 from holdfast.execution.simulation.layout import (
     FORGOTTEN,
     LATE,

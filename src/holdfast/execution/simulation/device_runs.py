@@ -18,12 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.execution.arrays import Array
-from holdfast.execution.codegen.c_printer import Body, c_functions
+from holdfast.execution.codegen.c_printer import Body, c_functions, scalars_c
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.loop_text import LEAF, LOG, RING, Instructions, LoopText
 from holdfast.execution.codegen.lowering import FUNCTIONS
-from holdfast.execution.codegen.scalar_c import scalars_c
 from holdfast.execution.codegen.scalar_reader import scalars
 from holdfast.execution.device.program import Device
 from holdfast.execution.resources import Progress

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.analysis.online.controller import Plant
-from holdfast.analysis.online.measurements import Given, numbers
+from holdfast.analysis.online.controller import Given, Plant, numbers
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array

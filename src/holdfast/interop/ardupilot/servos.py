@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.analysis.online.measurements import Given, numbers
+from holdfast.analysis.online.controller import Given, numbers
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.interop.numeric_system import Numeric

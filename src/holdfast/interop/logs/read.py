@@ -19,8 +19,8 @@ from holdfast.arguments import checked
 from holdfast.errors import OutputError, SimulationError, suggestion
 from holdfast.interop.logs.recording import Column, Recording
 from holdfast.maths.definitions.extension import actuator_units
+from holdfast.maths.definitions.quantity import UnitError, convert
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.units import UnitError, convert
 
 
 @checked

@@ -13,7 +13,7 @@ import pandas as pd
 from holdfast.errors import SimulationError
 from holdfast.host.files import check_file
 from holdfast.interop.logs.recording import Column, Floats, Recording, with_unit
-from holdfast.maths.definitions.units import UnitError, convert
+from holdfast.maths.definitions.quantity import UnitError, convert
 
 TIMES = ("time", "t", "timestamp", "stamp", "seconds", "header.stamp")
 """Names of the column of times."""

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.host.files import read_small_text
-from holdfast.maths.definitions.quantity import Parameter
-from holdfast.maths.definitions.units import convert, to_si
+from holdfast.maths.definitions.quantity import Parameter, convert, to_si
 
 T = TypeVar("T")
 DECLARED, OPTIONAL = "declared_parameters", "optional_parameters"

@@ -21,7 +21,7 @@ import mpmath
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.control.held_gain import MOST, held_gain
+from holdfast.maths.control.gain_conditions import MOST, held_gain
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import (
     DELAY,

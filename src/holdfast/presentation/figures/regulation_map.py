@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from holdfast.analysis.boundary.boundary import RegulationMap
+from holdfast.analysis.boundary import RegulationMap
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.presentation.figures import style

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from holdfast.analysis.safety.gain_conditions import JudgedCondition
-from holdfast.analysis.simulation.tuning import COSTS, Costs, Tuning
+from holdfast.analysis.simulation.sweep_table import COSTS, Costs, Tuning
 from holdfast.arguments import checked
 from holdfast.presentation.figures import level_sets, style
 

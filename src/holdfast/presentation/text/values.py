@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from holdfast.analysis.decomposition.parts_promise import PartsPromise
+from holdfast.analysis.decomposition.parts_law import PartsPromise
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.equilibria import RestingState

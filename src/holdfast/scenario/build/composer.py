@@ -37,12 +37,20 @@ from holdfast.maths.definitions.extension import (
     per_second,
 )
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
+from holdfast.maths.definitions.quantity import (
+    TIME,
+    TIME_IN_MODE,
+    Parameter,
+    Quantity,
+    check_unit,
+    in_base_units,
+    symbol,
+    to_si,
+)
 from holdfast.maths.definitions.reduction import promote, steady_bounds, subsystem
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import FlatOutput, Measurement, PfaffianRow, System
-from holdfast.maths.definitions.units import check_unit, in_base_units, to_si
 from holdfast.maths.expressions.parser import parse_condition, parse_expression
 from holdfast.maths.nonholonomic.null_space import kinematic_system
 from holdfast.scenario.schema.closed_loop import (
@@ -55,8 +63,7 @@ from holdfast.scenario.schema.closed_loop import (
     ShapeSpec,
     SystemSpec,
 )
-from holdfast.scenario.schema.values import FlatOutputSpec, ParameterSpec
-from holdfast.scenario.validation import at, validated
+from holdfast.scenario.schema.values import FlatOutputSpec, ParameterSpec, at, validated
 
 
 def catalogue_entry(

@@ -18,19 +18,24 @@ from holdfast.maths.catalogue.laws.follow_leader import SEEN, TURNS
 from holdfast.maths.catalogue.systems.chain import chain, robot_names
 from holdfast.maths.catalogue.systems.leader_follower import leader_follower
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.definitions.quantity import Parameter, symbol, to_si
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.functions import magnitude
 from holdfast.maths.formations.chain import chain_in_view, joint_law
 from holdfast.planning.corners import Convoy, Corner, Course, Pose, lead_along, route_corners
-from holdfast.planning.environment import CLOSE, Environment, environment, geojson_cells, plan_route
-from holdfast.planning.fields import route_fields
+from holdfast.planning.environment import (
+    CLOSE,
+    Environment,
+    environment,
+    geojson_cells,
+    plan_route,
+    route_fields,
+)
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.schema.closed_loop import FormationSpec
-from holdfast.scenario.validation import at
+from holdfast.scenario.schema.values import at
 
 WINDOWS = ("approach_leader", "follow_leader")
 """The laws with a known window of gains."""

@@ -12,14 +12,14 @@ from holdfast.analysis.safety.safety_filter import LAWFUL, check_pace
 from holdfast.errors import ScenarioError, SimulationError, suggestion
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.control.velocity_tracking import track_velocity
+from holdfast.maths.definitions.quantity import to_si
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.parser import parse_number
 from holdfast.scenario.build.composer import Composer, composed_system, plant_of
 from holdfast.scenario.files import scenario_title
 from holdfast.scenario.schema.kernel import CERTIFIED, KernelSpec, MarchSpec
-from holdfast.scenario.validation import at, validated
+from holdfast.scenario.schema.values import at, validated
 
 NEEDS = {
     "capture-basin": ("goal",),

@@ -21,15 +21,14 @@ from holdfast.maths.catalogue.signature import accepted_parameters, arguments, w
 from holdfast.maths.control.blended_redesign import redesign
 from holdfast.maths.control.command import commanded
 from holdfast.maths.control.observer import observe, observe_set
-from holdfast.maths.control.rate_limits import limit_rates
-from holdfast.maths.control.safety_filter import over_time, safeguard
+from holdfast.maths.control.safety_filter import limit_rates, over_time, safeguard
 from holdfast.maths.control.unmodelled import PREFIX, cancel_unmodelled
 from holdfast.maths.control.velocity_tracking import track_velocity
 from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import to_si
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System, by_measurements
-from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.parser import parse_condition, parse_number
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.schema.closed_loop import (
@@ -40,8 +39,7 @@ from holdfast.scenario.schema.closed_loop import (
     SafeguardSpec,
     ScenarioSpec,
 )
-from holdfast.scenario.schema.values import Name, Section, Text
-from holdfast.scenario.validation import at, validated
+from holdfast.scenario.schema.values import Name, Section, Text, at, validated
 
 
 class ExternalSpec(Section):

@@ -10,12 +10,11 @@ from typing import Any
 
 from holdfast.analysis.simulation.starts import Starts
 from holdfast.errors import ScenarioError, suggestion
-from holdfast.maths.definitions.quantity import Parameter
+from holdfast.maths.definitions.quantity import Parameter, check_unit, to_si
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.units import check_unit, to_si
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.schema.closed_loop import FormationSpec, RunSpec, ScenarioSpec, VariedSpec
-from holdfast.scenario.validation import at
+from holdfast.scenario.schema.values import at
 
 
 def drawn_names(composer: Composer, system: System, spec: VariedSpec) -> dict[str, Parameter]:

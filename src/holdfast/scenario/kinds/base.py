@@ -13,7 +13,7 @@ from holdfast.errors import ScenarioError
 
 if TYPE_CHECKING:
     from holdfast.analysis.online.safety_filter import SafetyFilter
-    from holdfast.analysis.simulation.aggregates import Entry
+    from holdfast.analysis.simulation.law_comparison import Entry
     from holdfast.execution.resources import Progress
 
 Bar = Callable[[str], AbstractContextManager[Callable[[str, float], None]]]

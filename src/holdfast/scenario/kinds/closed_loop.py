@@ -43,11 +43,11 @@ from holdfast.scenario.schema.closed_loop import (
     Header,
     ScenarioSpec,
 )
-from holdfast.scenario.validation import at, validated
+from holdfast.scenario.schema.values import at, validated
 
 if TYPE_CHECKING:
     from holdfast.analysis.online.safety_filter import SafetyFilter
-    from holdfast.analysis.simulation.aggregates import Entry
+    from holdfast.analysis.simulation.law_comparison import Entry
     from holdfast.scenario.kernel_reference import Safety
 
 
@@ -237,7 +237,7 @@ class Scenario(Composed):
         return int(self.settings["seed"])
 
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
-        from holdfast.analysis.simulation.aggregates import tally_of
+        from holdfast.analysis.simulation.law_comparison import tally_of
 
         ends = self.with_settings(threads=threads, record_every=self.settings["horizon"])
         return tally_of(ends.run(part=part))

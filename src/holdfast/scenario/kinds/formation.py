@@ -14,10 +14,10 @@ from holdfast.scenario.build.run import settings_of
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
 from holdfast.scenario.kinds.closed_loop import Scenario, about, seeded
 from holdfast.scenario.schema.closed_loop import FormationFigures, FormationSpec
-from holdfast.scenario.validation import validated
+from holdfast.scenario.schema.values import validated
 
 if TYPE_CHECKING:
-    from holdfast.analysis.simulation.aggregates import Entry
+    from holdfast.analysis.simulation.law_comparison import Entry
     from holdfast.planning.corners import Course
     from holdfast.presentation.figures.formation import Ground
 
@@ -33,7 +33,7 @@ class FormationScenario(Scenario):
         return 0
 
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
-        from holdfast.analysis.simulation.aggregates import tally_of
+        from holdfast.analysis.simulation.law_comparison import tally_of
 
         return tally_of(self.with_settings(threads=threads).run())
 

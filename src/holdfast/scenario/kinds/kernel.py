@@ -17,7 +17,7 @@ from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import FORMER
 from holdfast.analysis.safety.validation import Promise, check_promise, default_promise
-from holdfast.analysis.simulation.aggregates import Entry
+from holdfast.analysis.simulation.law_comparison import Entry
 from holdfast.errors import RenamedWarning, ScenarioError, SimulationError
 from holdfast.execution.resources import Progress
 from holdfast.host.files import make_folder, saved, write_summary
@@ -26,10 +26,9 @@ from holdfast.scenario.build.kernel import kernel_parts
 from holdfast.scenario.files import overridden
 from holdfast.scenario.kinds import kind_of
 from holdfast.scenario.kinds.base import Bar, Kind
-from holdfast.scenario.kinds.parts import PartsScenario
-from holdfast.scenario.kinds.set_scenario import SetScenario
+from holdfast.scenario.kinds.parts import PartsScenario, SetScenario
 from holdfast.scenario.schema.kernel import PROBLEMS
-from holdfast.scenario.validation import at
+from holdfast.scenario.schema.values import at
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from holdfast.execution.cache import code_digest
 from holdfast.host.files import make_folder, write_text
 from holdfast.scenario.files import files_digest
 from holdfast.scenario.schema.claims import ChapterSpec, ClaimSpec, TrialSpec
-from holdfast.scenario.validation import at, validated
+from holdfast.scenario.schema.values import at, validated
 from holdfast.studies.process_pool import answers, processes
 
 CHAPTERS = (2, 3, 4, 5, 6, 7)

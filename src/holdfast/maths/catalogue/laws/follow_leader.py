@@ -8,7 +8,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.control.held_gain import held_gain
+from holdfast.maths.control.gain_conditions import held_gain
 from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.expressions.functions import clip, greatest, sgn

@@ -6,7 +6,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.control.held_gain import held_gain
+from holdfast.maths.control.gain_conditions import held_gain
 from holdfast.maths.control.view_legs import AHEAD, BACK, leg_parameters, view_legs
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import symbol

@@ -9,7 +9,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.systems.nonholonomic_integrator import nonholonomic_integrator
-from holdfast.maths.control.held_gain import held_gain
+from holdfast.maths.control.gain_conditions import held_gain
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import TIME_IN_MODE, Parameter, symbol
 from holdfast.maths.definitions.switching import Switching, Transition

@@ -7,7 +7,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.systems.unicycle import unicycle
-from holdfast.maths.control.held_gain import held_gain
+from holdfast.maths.control.gain_conditions import held_gain
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.system import System, check_rates

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.maths.control.held_gain import held_gain
+from holdfast.maths.control.gain_conditions import held_gain
 from holdfast.maths.control.surge_and_turn import surge_and_turn
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import Parameter, symbol

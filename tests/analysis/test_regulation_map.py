@@ -10,7 +10,7 @@ import sympy as sp
 from scipy.optimize import brentq, linprog
 
 import holdfast as hf
-from holdfast.analysis.boundary.boundary import (
+from holdfast.analysis.boundary import (
     Boundary,
     check_viability,
     contingent_cone,

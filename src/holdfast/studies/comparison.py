@@ -28,7 +28,7 @@ from holdfast.scenario.kinds.closed_loop import Scenario, check_kernels, compose
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import check_overrides
 from holdfast.scenario.schema.closed_loop import AlterationSpec, CompareSpec, ScenarioSpec
-from holdfast.scenario.validation import at, validated
+from holdfast.scenario.schema.values import at, validated
 
 JUDGES = ("viability-kernel", "discriminating-kernel")
 

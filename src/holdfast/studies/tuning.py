@@ -25,7 +25,7 @@ from scipy.stats import qmc
 from holdfast.analysis.safety.gain_conditions import JudgedCondition, corners_of, judged
 from holdfast.analysis.simulation.files import NamedArrays
 from holdfast.analysis.simulation.result import Result
-from holdfast.analysis.simulation.tuning import COSTS, Candidate, Costs, Tuning
+from holdfast.analysis.simulation.sweep_table import COSTS, Candidate, Costs, Tuning
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
 from holdfast.execution.arrays import Array
@@ -46,10 +46,10 @@ from holdfast.scenario.files import overridden, read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import check_overrides, scenario_of
 from holdfast.scenario.schema.closed_loop import ScenarioSpec
-from holdfast.scenario.validation import validated
-from holdfast.studies.comparison.compare import in_case
+from holdfast.scenario.schema.values import validated
+from holdfast.studies.comparison import in_case
 from holdfast.studies.scenario_parameter import Knob, find_knob, last_part
-from holdfast.studies.sweep.sweep import Axis, Over, read_over
+from holdfast.studies.sweep import Axis, Over, read_over
 
 PREFIX = "law."
 

@@ -28,7 +28,7 @@ import numpy as np
 import xarray as xr
 
 from holdfast._version import __version__
-from holdfast.analysis.simulation.aggregates import Entry, as_table, from_table, put_together
+from holdfast.analysis.simulation.law_comparison import Entry, as_table, from_table, put_together
 from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, OutputError, ScenarioError, suggestion
@@ -36,7 +36,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.cache import code_digest
 from holdfast.execution.resources import available_cores
 from holdfast.host.files import make_folder
-from holdfast.maths.definitions.units import split
+from holdfast.maths.definitions.quantity import split
 from holdfast.scenario.files import files_digest, overridden, read_tables
 from holdfast.scenario.kinds.base import Composed
 from holdfast.scenario.kinds.closed_loop import Scenario

@@ -15,7 +15,7 @@ from holdfast.errors import DefinitionError, HoldfastError, ScenarioError
 from holdfast.presentation.studies.comparison import comparison_text
 from holdfast.scenario.kernel_reference import named_kernel
 from holdfast.scenario.load import load_scenario
-from holdfast.studies.comparison.compare import Judge, variant
+from holdfast.studies.comparison import Judge, variant
 from tests.command_line import holdfast
 
 CART = """

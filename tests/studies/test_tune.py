@@ -9,7 +9,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.analysis.safety.gain_conditions import INTERIOR, corners_of, judged
-from holdfast.analysis.simulation.tuning import Candidate, Costs
+from holdfast.analysis.simulation.sweep_table import Candidate, Costs
 from holdfast.errors import GainWarning, ScenarioError
 from holdfast.execution.simulation.settings import Settings
 from holdfast.presentation.studies.tuning import tuning_table, tuning_text

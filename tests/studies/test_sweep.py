@@ -22,9 +22,9 @@ from holdfast.interop.cluster import cluster_executor
 from holdfast.presentation.figures import style
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.load import scenario_of
+from holdfast.studies import sweep as module
 from holdfast.studies.scenario_parameter import find_knob
-from holdfast.studies.sweep import sweep as module
-from holdfast.studies.sweep.sweep import grid_cells, latin_cells, read_over, store
+from holdfast.studies.sweep import grid_cells, latin_cells, read_over, store
 from tests.command_line import holdfast
 from tests.scenario_files import DRIFTING, LINE
 
@@ -535,7 +535,7 @@ def test_figure_shows_what_was_gone_over(cart, here, over, latin, panels, tmp_pa
 
 MILLION = """
 import sys
-from holdfast.studies.sweep.sweep import Part, run_part
+from holdfast.studies.sweep import Part, run_part
 from holdfast.execution.cache import code_digest
 from holdfast.scenario.files import read_tables
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 import holdfast as hf
-from holdfast.analysis.boundary.boundary import Boundary, equalities, generators, qualified
+from holdfast.analysis.boundary import Boundary, equalities, generators, qualified
 
 STEP = 1e-3
 

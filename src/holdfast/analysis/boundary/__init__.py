@@ -1,1 +1,0 @@
-"""The boundary of a region: contingent cones, regulation maps, viability checks."""

@@ -1,1 +1,0 @@
-"""Parameter sweeps (campaigns): a scenario in many cells with different parameter values."""
