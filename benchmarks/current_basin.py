@@ -26,7 +26,7 @@ import sympy as sp
 from tqdm import tqdm
 
 import holdfast as hf
-from holdfast.maths.definitions.reduction import steady_bounds
+from holdfast.maths.definitions.extension import steady_bounds
 
 RECORD = Path(__file__).with_suffix(".json")
 STEEP = 60  # degrees

@@ -85,13 +85,13 @@ from .maths.catalogue import systems as systems
 from .maths.catalogue.laws.hold_station import StationKeepingLimits as StationKeepingLimits
 from .maths.catalogue.laws.hold_station import station_keeping_limits as station_keeping_limits
 from .maths.catalogue.vehicles import load_vehicle as load_vehicle
+from .maths.control.barrier_conditions import outward_rates as outward_rates
 from .maths.control.barrier_conditions import viability_conditions as viability_conditions
 from .maths.control.blended_redesign import redesign as redesign
 from .maths.control.command import commanded as commanded
 from .maths.control.gain_conditions import ultimate_bound as ultimate_bound
 from .maths.control.observer import observe as observe
 from .maths.control.observer import observe_set as observe_set
-from .maths.control.outward_rates import outward_rates as outward_rates
 from .maths.control.safety_filter import in_order as in_order
 from .maths.control.safety_filter import limit_rates as limit_rates
 from .maths.control.safety_filter import safeguard as safeguard
@@ -109,6 +109,9 @@ from .maths.definitions.extension import both as both
 from .maths.definitions.extension import dynamic_extension as dynamic_extension
 from .maths.definitions.extension import input_limits as input_limits
 from .maths.definitions.extension import lagged as lagged
+from .maths.definitions.extension import promote as promote
+from .maths.definitions.extension import steady_bounds as steady_bounds
+from .maths.definitions.extension import subsystem as subsystem
 from .maths.definitions.law import GainCondition as GainCondition
 from .maths.definitions.law import Law as Law
 from .maths.definitions.law import Safeguard as Safeguard
@@ -119,9 +122,6 @@ from .maths.definitions.quantity import TIME_IN_MODE as TIME_IN_MODE
 from .maths.definitions.quantity import Parameter as Parameter
 from .maths.definitions.quantity import Quantity as Quantity
 from .maths.definitions.quantity import symbol as symbol
-from .maths.definitions.reduction import promote as promote
-from .maths.definitions.reduction import steady_bounds as steady_bounds
-from .maths.definitions.reduction import subsystem as subsystem
 from .maths.definitions.region import Inequality as Inequality
 from .maths.definitions.region import Region as Region
 from .maths.definitions.switching import Memory as Memory

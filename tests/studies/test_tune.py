@@ -13,8 +13,7 @@ from holdfast.analysis.simulation.sweep_table import Candidate, Costs
 from holdfast.errors import GainWarning, ScenarioError
 from holdfast.execution.simulation.settings import Settings
 from holdfast.presentation.studies.tuning import tuning_table, tuning_text
-from holdfast.scenario.edited import edited_text
-from holdfast.scenario.files import read_tables, scenario_names
+from holdfast.scenario.files import edited_text, read_tables, scenario_names
 from holdfast.scenario.load import load_scenario
 from holdfast.studies.write_results import write_tuning
 from tests.command_line import FAST, holdfast

@@ -22,8 +22,14 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.vehicle_file import read_vehicle, vehicle_names
 from holdfast.maths.expressions.parser import parse_expression
 from holdfast.scenario.build.composer import REDUCTIONS
-from holdfast.scenario.edited import Number, edited_text, numbered_vehicle
-from holdfast.scenario.files import load_system, read_tables, scenario_names
+from holdfast.scenario.files import (
+    Number,
+    edited_text,
+    load_system,
+    numbered_vehicle,
+    read_tables,
+    scenario_names,
+)
 from holdfast.scenario.kinds.kernel import KernelResult
 from holdfast.scenario.load import load_scenario
 from holdfast.scenario.resting import resting_places

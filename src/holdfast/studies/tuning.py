@@ -41,8 +41,7 @@ from holdfast.maths.nonholonomic.chained_feedback import POLE
 from holdfast.scenario.build.composer import Composer, composed_system
 from holdfast.scenario.build.law_chain import composed_law
 from holdfast.scenario.build.run import drawn_names
-from holdfast.scenario.edited import edited_text
-from holdfast.scenario.files import overridden, read_tables
+from holdfast.scenario.files import edited_text, overridden, read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import check_overrides, scenario_of
 from holdfast.scenario.schema.closed_loop import ScenarioSpec

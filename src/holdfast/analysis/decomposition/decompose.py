@@ -31,7 +31,7 @@ from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.resources import Progress
-from holdfast.maths.control.outward_rates import check_states
+from holdfast.maths.control.barrier_conditions import check_states
 from holdfast.maths.decomposition.grouping import Group, Grouping, alternatives, grouped
 from holdfast.maths.decomposition.prediction import Prediction, predicted
 from holdfast.maths.definitions.bounds import Box, product

@@ -1,11 +1,16 @@
-"""The law of a safety filter: the command of another controller, kept in regions and a kernel."""
+"""The law of a safety filter: the command of another controller, kept in regions and a kernel.
+
+Why the filter decided as it did is one sentence, with names, distances and times.
+
+Times are those at which a vehicle whose input is held would leave its constraints.
+"""
 
 from __future__ import annotations
 
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
 from typing import Any
 
@@ -14,6 +19,8 @@ import sympy as sp
 
 from holdfast.analysis.decomposition.parts_law import only_part, parts_law
 from holdfast.analysis.decomposition.parts_value import PartsValue
+from holdfast.analysis.online.controller import Measurements
+from holdfast.analysis.online.decision import Decision, Status
 from holdfast.analysis.reachability.problem import definition
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import kept_law
@@ -26,15 +33,24 @@ from holdfast.errors import (
     suggestion,
 )
 from holdfast.execution.arrays import Array
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
+from holdfast.execution.codegen.scalar_llvm import called
+from holdfast.execution.foreseen import numbers_of_look
 from holdfast.execution.leaf import Evaluator
+from holdfast.execution.simulation.closed_loop import ClosedLoop
+from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.simulation.steppers import RK4
+from holdfast.maths.control.barrier_conditions import unused_inputs
 from holdfast.maths.control.command import commanded
 from holdfast.maths.control.parameter_box import parameter_box
 from holdfast.maths.control.prediction import Prediction
 from holdfast.maths.control.safety_filter import Asked, asked_of, in_order, safeguard
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
 
 Keep = ValueFunction | PartsValue | Region
@@ -333,3 +349,310 @@ def warn_of_reduction(own: System, around: System | None) -> None:
 
 def _and(names: Sequence[str]) -> str:
     return " and ".join(names)
+
+
+HORIZON = 10.0
+"""How far ahead it looks [s]."""
+
+RECORDS = 500
+
+
+class Forecast:
+    """Motions of a system whose input is held from a state on, with disturbances held or 0."""
+
+    def __init__(self, system: System, region: Region | None) -> None:
+        self.system, self.region = system, region
+        held = tuple(
+            Parameter(f"held_{q.name}", q.unit, value=0.0)
+            for q in (*system.inputs, *system.disturbances)
+        )
+        self.names = [p.name for p in held]
+        count = len(system.inputs)
+        law = Law(
+            "held", system.states,
+            {q.name: p.symbol for q, p in zip(system.inputs, held, strict=False)},
+            parameters=held,
+        )  # fmt: skip
+        program = closed_loop_program(
+            system, law, region=region, goal=None, stepper=RK4,
+            disturbance={
+                q.name: p.symbol for q, p in zip(system.disturbances, held[count:], strict=True)
+            },
+        )  # fmt: skip
+        self._program = program
+        self._loop = ClosedLoop(program)
+        step = HORIZON / RECORDS
+        self._settings = Settings(
+            horizon=HORIZON, sample_time=step, record_every=step, threads=1, tolerance=1e-9
+        )
+
+    def motion(self, state: Array, held: Sequence[float]) -> tuple[Array, Array, float, int]:
+        """Times, states, the time at which the region is left (NaN: not), and by which c_j."""
+        values = dict(zip(self.names, map(float, held), strict=True))
+        parameters = tuple(
+            replace(p, value=values.get(p.name, p.value)) for p in self._program.parameters
+        )
+        self._loop.program = replace(self._program, parameters=parameters)
+        found = self._loop.simulate(np.asarray(state, dtype=np.float64)[np.newaxis], self._settings)
+        left = found.outcome[0] == Outcome.LEFT
+        return (
+            found.time, found.state[0], float(found.exit_time[0]) if left else math.nan,
+            int(found.exit_constraint[0]),
+        )  # fmt: skip
+
+
+AT_ONCE = 1e-3
+"""A shorter time [s] is not worth a number."""
+
+
+class Reasons:
+    """The sentences of one filter."""
+
+    def __init__(
+        self,
+        system: System,
+        made: Made,
+        law: Law | Switching,
+        told: Measurements,
+        program: ClosedLoopProgram,
+        timed: bool,
+    ) -> None:
+        self.system, self.made, self.constraints = system, made, made.region
+        self.told, self.program = told, program
+        ((self.count, self.hard),) = program.conditions_of_modes
+        (self._ahead,) = program.foresight_of_modes
+        estimated = any(q.name.endswith("_hat") for q in law.reads)
+        self.whole = told.states == system.state_names and not estimated
+        self.law, self.timed = law, timed
+
+    def prepare(self) -> None:
+        """Compile what a sentence needs."""
+        if self.constraints is not None:
+            self._levels(np.zeros(len(self.system.states)))
+        if self.whole and not self.timed:
+            held = len(self.system.inputs) + len(self.system.disturbances)
+            self._forecast.motion(np.zeros(len(self.system.states)), [0.0] * held)
+
+    def sentence(self, decision: Decision) -> str:
+        """One sentence about a decision."""
+        status = decision.status
+        if status is Status.NOT_A_NUMBER:
+            faulty = self.told.faulty(decision.seen)
+            if not faulty and not math.isfinite(decision.t):
+                faulty = f"the time is {decision.t}"
+            faulty = faulty or "the conditions are not finite at this state"
+            return f"{faulty}, so that the input is the fallback"
+        if status is Status.OUTSIDE_GRID:
+            return self._outside(decision)
+        if status is Status.PASSED:
+            return f"the command meets every condition{self._nearest(decision)}"
+        change = self._change(decision)
+        if status is Status.INFEASIBLE:
+            unit = self.program.slack_units[0] if len(set(self.program.slack_units)) == 1 else ""
+            gave = ", ".join(f"'{name}'" for name in self.gave_way(decision))
+            return (
+                f"{change}: no input within its bounds meets all conditions, the least violation "
+                f"is {decision.slack:.3g} {unit}".rstrip()
+                + (f"; {gave} gave way" if gave else "")
+                + self._left_alone(decision)
+                + self._nearest(decision)
+            )
+        if not decision.overruled:
+            slow = any(name.startswith("last_") for name in self.program.remembered)
+            more = " or changes faster than they may" if slow else ""
+            if self.made.predicted:
+                more = ", or an actuator would leave its share with it"
+            return f"{change}: the command is beyond the bounds of the inputs{more}"
+        return f"{change}: {self._cause(decision)}"
+
+    @cached_property
+    def unused(self) -> dict[str, tuple[str, ...]]:
+        """`SafetyFilter.unused`."""
+        return {} if self.constraints is None else unused_inputs(self.system, self.constraints)
+
+    # -- the parts of a sentence -------------------------------------------------------------
+
+    def _change(self, decision: Decision) -> str:
+        """What became of the command."""
+        largest = max(np.abs(decision.nominal).max(), np.abs(decision.input).max())
+        small = 1e-9 * largest  # a rounding error is shown as 0
+        shown = [
+            f"{q.name} from {before:.3g} to {after if abs(after) > small else 0:.3g} {q.unit}"
+            for q, before, after in zip(
+                self.system.inputs, decision.nominal, decision.input, strict=True
+            )
+            if abs(before - after) > small
+        ]
+        return "changed " + " and ".join(shown) if shown else "kept the command"
+
+    def _cause(self, decision: Decision) -> str:
+        """What is near, and what would have followed."""
+        left, by = self._exit(decision)
+        worst = self._worst(decision)
+        table = self.made.table
+        if table is not None and worst == "value":
+            room = decision.looked_up - self._margin
+            side = "above" if room >= 0 else "below"
+            near = f"the value of the {table.report.kind} is {abs(room):.3g} {self._unit}"
+            near = f"{near.rstrip()} {side} its margin of {self._margin:.3g}"
+            return near + self._would_be(left, "the set would have been left")
+        names = self.constraints.inequality_names if self.constraints is not None else ()
+        if worst not in names:  # of the rate of a state
+            return f"the {worst} would be beyond its limit"
+        if not self.whole:
+            return f"'{worst}' is near, by what the observer estimates"
+        name = names[by] if by >= 0 else worst
+        return self._distance(decision, name) + self._would_be(left, "it would have been violated")
+
+    @property
+    def _margin(self) -> float:
+        return next(float(p.value) for p in self.law.parameters if p.name == "safety_margin")
+
+    @property
+    def _unit(self) -> str:
+        assert self.made.table is not None
+        unit = self.made.table.report.value_unit
+        return "" if unit == "1" else unit
+
+    def _worst(self, decision: Decision) -> str:
+        """The inequality whose condition the command violates most, by its own size."""
+        if self._ahead and self._lacks(decision, decision.nominal, 0) > 0:
+            return "value"
+        return self._names[int(np.argmax(self._short(decision, decision.nominal)))]
+
+    def gave_way(self, decision: Decision) -> tuple[str, ...]:
+        """The inequalities whose conditions the input does not meet; "value" is the kernel's."""
+        short = self._short(decision, decision.input) > 1e-7
+        gave = [n for n, s in zip(self._names, short, strict=True) if s]
+        if self._ahead and self._lacks(decision, decision.input, 1) > 0:
+            gave.insert(0 if self._ahead[4] else len(gave), "value")
+        return tuple(dict.fromkeys(gave))
+
+    def _lacks(self, decision: Decision, given: Array, level: int) -> float:
+        """What the value a sample after an input lacks of its level (0), or of its floor (1)."""
+        _, moves, curved, motion, _ = self._ahead
+        m = len(self.system.inputs)
+        numbers = decision.conditions[self.count * (m + 1) + m :].copy()
+        values, low, steps, shape, periodic = self.program.table
+        axes = len(shape)
+        whole = (np.ascontiguousarray(a, dtype=np.int64) for a in (shape, periodic))
+        least: float = called(
+            "foreseen", "least_after", values, numbers[3 : 3 + motion].copy(),
+            np.ascontiguousarray(given), -math.inf, low, steps, *whole, axes, m, moves, curved,
+            numbers[2], np.empty(numbers_of_look(axes, moves)), np.zeros(3 * axes, dtype=np.int64),
+        )  # fmt: skip
+        return float(numbers[level] - least - 1e-9 * numbers[2])
+
+    def _left_alone(self, decision: Decision) -> str:
+        """The inputs that could act on what gave way, and that no condition has."""
+        late = [(n, name) for name in self.gave_way(decision) for n in self.unused.get(name, ())]
+        said = [
+            f"'{n}' acts on '{name}' by a third derivative or later, unused" for n, name in late
+        ]
+        return "".join(f"; {text}" for text in said)
+
+    def _short(self, decision: Decision, given: Array) -> Array:
+        """By how much an input misses each condition, in units of its normal and its terms."""
+        m = len(self.system.inputs)
+        rows = decision.conditions[: self.count * (m + 1)].reshape(-1, m + 1)[self.hard :]
+        size = np.linalg.norm(rows[:, :m], axis=1)
+        found: Array = (rows[:, :m] @ given - rows[:, m]) / np.where(size > 0, size, 1.0)
+        return found
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        """The inequality of each condition after the hard ones."""
+        (law,) = as_switching(self.law).modes.values()
+        assert law.safeguard is not None
+        return law.safeguard.names
+
+    def _distance(self, decision: Decision, name: str) -> str:
+        assert self.constraints is not None
+        names = self.constraints.inequality_names
+        level = float(self._levels(decision.seen)[names.index(name)])
+        unit = self.constraints.inequality(name).unit
+        unit = "" if unit == "1" else f" {unit}"
+        if level > 0:
+            return f"'{name}' is violated by {level:.3g}{unit} already"
+        return f"'{name}' is {abs(level):.3g}{unit} away"
+
+    def _nearest(self, decision: Decision) -> str:
+        """The inequality that is nearest, where the states are known."""
+        if self.constraints is None:
+            return f"; the value is {decision.value:.3g} {self._unit}".rstrip()
+        if not self.whole:
+            return ""
+        levels = self._levels(decision.seen)
+        names = self.constraints.inequality_names
+        return f"; the nearest: {self._distance(decision, names[int(np.argmax(levels))])}"
+
+    def _levels(self, seen: Array) -> Array:
+        found: Array = self._evaluator.values(seen[np.newaxis, : len(self.system.states)])[0]
+        return found
+
+    @cached_property
+    def _evaluator(self) -> Evaluator:
+        assert self.constraints is not None
+        return Evaluator(
+            [c.expression for c in self.constraints.inequalities],
+            [q.symbol for q in self.system.states],
+            self.constraints.parameters,
+        )
+
+    def _exit(self, decision: Decision) -> tuple[float, int]:
+        """When the command, held, would leave the set, and by which inequality; NaN: not soon.
+
+        Negative where that is not known.
+        """
+        if self.timed or not (self.whole and decision.value > 0):
+            return -1.0, -1
+        held = [*decision.nominal, *self._disturbance(decision)]
+        times, states, left, by = self._forecast.motion(
+            decision.seen[: len(self.system.states)], held
+        )
+        if self.made.kernel is not None and self.constraints is None:
+            fine = np.isfinite(states).all(axis=1)
+            values = np.full(len(times), math.nan)
+            values[fine] = self.made.kernel.at(states[fine])
+            outside = np.flatnonzero(~(values > 0))
+            return (float(times[outside[0]]) if len(outside) else math.nan), -1
+        return left, by
+
+    def _would_be(self, left: float, what: str) -> str:
+        if left < 0:
+            return ""
+        if math.isnan(left):
+            return f"; with the command held it would have stayed inside for {HORIZON:g} s"
+        when = "at once" if left < AT_ONCE else f"in {left:.2g} s"
+        return f"; with the command held {what} {when}"
+
+    @cached_property
+    def _forecast(self) -> Forecast:
+        return Forecast(self.system, self.constraints)
+
+    def _disturbance(self, decision: Decision) -> Array:
+        """The disturbances of a forecast: those that were measured, else 0."""
+        n = len(self.system.states)
+        felt = dict(zip(self.told.disturbances, decision.seen[n:], strict=False))
+        return np.array([felt.get(name, 0.0) for name in self.system.disturbance_names])
+
+    def _outside(self, decision: Decision) -> str:
+        made, table = self.made, self.made.table
+        assert table is not None
+        if not self.whole:
+            return "the estimated state is outside the grid: nothing is promised"
+        states = decision.seen[np.newaxis, : len(self.system.states)]
+        if made.parts is not None and made.parts.excess(states)[0] > 0:
+            where = made.parts.decomposition.where
+            return f"the parts promise something where {where}, and nothing here"
+        beyond = [
+            f"{name} = {value:.4g} is outside {a.low:.4g} to {a.high:.4g}"
+            for a, (name, (value,)) in zip(
+                table.grid.axes, made.places(states).items(), strict=True
+            )
+            if a.ends != "periodic" and not a.low <= value <= a.high
+        ]
+        where = ", ".join(beyond) or (
+            f"at {decision.t:.4g} s the horizon of the {table.report.kind} has passed"
+        )
+        return f"{where}: the filter used the nearest place of its grid and promises nothing"

@@ -38,12 +38,12 @@ from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.analysis.online.filter_law import (
     Keep,
     Made,
+    Reasons,
     check_around_parts,
     fallback_of,
     filter_of,
     warn_of_reduction,
 )
-from holdfast.analysis.online.reasons import Reasons
 from holdfast.analysis.reachability.value_function import Tried, ValueFunction
 from holdfast.analysis.safety.validation import FELL_SHORT, UNCONFIRMED, default_promise
 from holdfast.analysis.simulation.simulate import simulate

@@ -23,7 +23,7 @@ from holdfast.execution.device.program import DEVICES
 from holdfast.execution.level_set.march import Method, over_grid
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.stage_leaf import DISSIPATIONS
-from holdfast.maths.control.outward_rates import check_states
+from holdfast.maths.control.barrier_conditions import check_states
 from holdfast.maths.definitions.bounds import section
 from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters
 from holdfast.maths.definitions.region import Region

@@ -19,7 +19,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
-from holdfast.maths.control.outward_rates import check_reads
+from holdfast.maths.control.barrier_conditions import check_reads
 from holdfast.maths.definitions.quantity import TIME, merge_parameters, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System

@@ -26,7 +26,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
-from holdfast.maths.control.outward_rates import check_still
+from holdfast.maths.control.barrier_conditions import check_still
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.region import Region

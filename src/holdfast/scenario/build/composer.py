@@ -35,6 +35,9 @@ from holdfast.maths.definitions.extension import (
     input_limits,
     lagged,
     per_second,
+    promote,
+    steady_bounds,
+    subsystem,
 )
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import (
@@ -47,7 +50,6 @@ from holdfast.maths.definitions.quantity import (
     symbol,
     to_si,
 )
-from holdfast.maths.definitions.reduction import promote, steady_bounds, subsystem
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import FlatOutput, Measurement, PfaffianRow, System
