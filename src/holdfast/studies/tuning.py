@@ -38,9 +38,8 @@ from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.nonholonomic.chained_feedback import POLE
+from holdfast.scenario.build.closed_loop import composed_law, drawn_names
 from holdfast.scenario.build.composer import Composer, composed_system
-from holdfast.scenario.build.law_chain import composed_law
-from holdfast.scenario.build.run import drawn_names
 from holdfast.scenario.files import edited_text, overridden, read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import check_overrides, scenario_of

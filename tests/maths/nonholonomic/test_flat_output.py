@@ -12,8 +12,7 @@ from holdfast.errors import DefinitionError
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.system import Antiderivative, FlatOutput
 from holdfast.maths.nonholonomic.chained_search import derived_flag
-from holdfast.maths.nonholonomic.null_space import kinematic_system
-from holdfast.maths.nonholonomic.structure import structure
+from holdfast.maths.nonholonomic.structure import kinematic_system, structure
 
 GAINS = {"k1": 0.2, "poles": -0.4, "threshold": 2.0, "escape_speed": 0.5, "escape_time": 8.0}
 x, y, psi, delta, base = (hf.symbol(n) for n in ("x", "y", "psi", "delta", "wheelbase"))

@@ -9,8 +9,7 @@ import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.maths.expressions.random_points import Sampler, measured, rank
 from holdfast.maths.nonholonomic.chained_search import growth
-from holdfast.maths.nonholonomic.null_space import kinematic_system
-from holdfast.maths.nonholonomic.structure import structure
+from holdfast.maths.nonholonomic.structure import kinematic_system, structure
 
 X, Y, Z, PSI = (hf.symbol(n) for n in ("x", "y", "z", "psi"))
 STATES = (

@@ -10,8 +10,12 @@ import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.maths.expressions.random_points import Sampler, rank, value_at
 from holdfast.maths.nonholonomic.chained_search import bracket, find_chained_form, growth, plain
-from holdfast.maths.nonholonomic.null_space import kinematic_system, signed_minors
-from holdfast.maths.nonholonomic.structure import alignment, structure
+from holdfast.maths.nonholonomic.structure import (
+    alignment,
+    kinematic_system,
+    signed_minors,
+    structure,
+)
 from tests.conftest import number_at
 
 X, Y, PSI, LAM = (hf.symbol(n) for n in ("x", "y", "psi", "lam"))

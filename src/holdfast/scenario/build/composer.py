@@ -54,7 +54,7 @@ from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import FlatOutput, Measurement, PfaffianRow, System
 from holdfast.maths.expressions.parser import parse_condition, parse_expression
-from holdfast.maths.nonholonomic.null_space import kinematic_system
+from holdfast.maths.nonholonomic.structure import kinematic_system
 from holdfast.scenario.schema.closed_loop import (
     BoundedSpec,
     InequalitySpec,

@@ -24,9 +24,9 @@ from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.parser import parse_expression, parse_number
-from holdfast.scenario.build.composer import Composer, composed_system, plant_of
-from holdfast.scenario.build.law_chain import commander_of, composed_law
-from holdfast.scenario.build.run import (
+from holdfast.scenario.build.closed_loop import (
+    commander_of,
+    composed_law,
     drawn_names,
     drawn_ranges,
     in_si,
@@ -34,6 +34,7 @@ from holdfast.scenario.build.run import (
     settings_of,
     starts_of,
 )
+from holdfast.scenario.build.composer import Composer, composed_system, plant_of
 from holdfast.scenario.files import overridden, scenario_title
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
 from holdfast.scenario.schema.closed_loop import (

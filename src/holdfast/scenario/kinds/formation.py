@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from holdfast.analysis.simulation.result import Result
 from holdfast.errors import ScenarioError
 from holdfast.maths.definitions.variation import Varied
-from holdfast.scenario.build.run import settings_of
+from holdfast.scenario.build.closed_loop import settings_of
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
 from holdfast.scenario.kinds.closed_loop import Scenario, about, seeded
 from holdfast.scenario.schema.closed_loop import FormationFigures, FormationSpec
