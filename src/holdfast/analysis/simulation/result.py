@@ -20,6 +20,7 @@ from holdfast.execution.simulation.outcomes import Outcome
 
 if TYPE_CHECKING:
     import xarray as xr
+    from xarray import Dataset
 
     from holdfast.maths.definitions.region import Shape
 
@@ -234,7 +235,7 @@ def _largest(
 @checked
 def station_statistics(
     result: Result, radius: float, *, settled: float, heading: float = 0.1
-) -> xr.Dataset:
+) -> Dataset:
     """Statistics of every run of a station-keeping simulation, on its recorded samples.
 
     `radius` [m] is that of the ball |(x, y)| <= radius to enter, `settled` [s] the start of the
