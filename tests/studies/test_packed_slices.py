@@ -49,11 +49,11 @@ def test_every_node_keeps_its_side_and_the_boundary_moves_by_less_than_a_twentie
 
 def test_the_last_times_stay_where_not_all_fit(reached, monkeypatch):
     _, parts, _ = packed_slices(reached)
-    monkeypatch.setattr(module, "MOST_BYTES", len(parts[1]) + len(parts[2]))
+    monkeypatch.setattr(module, "MOST_BYTES_PACKED", len(parts[1]) + len(parts[2]))
     grid, some, says = packed_slices(reached)
     assert (grid["times"], some) == ([2, 3], parts[1:])
     assert says == "its values have one byte each, at 2 of their 3 times"
-    monkeypatch.setattr(module, "MOST_BYTES", len(parts[2]) - 1)
+    monkeypatch.setattr(module, "MOST_BYTES_PACKED", len(parts[2]) - 1)
     with pytest.raises(ScenarioError, match="take fewer nodes"):
         packed_slices(reached)
 
