@@ -15,10 +15,10 @@ from tests.certified_systems import CART, cart, vehicle
 
 KILLED = """
 import os, signal, sys
-from holdfast.analysis.certificates import images, stored_images
+from holdfast.analysis.certificates import images
 from tests.analysis.certificates import test_stored_images as case
 
-images.BLOCK, stored_images.EVERY = case.BLOCK, 0.0
+images.BLOCK, images.EVERY = case.BLOCK, 0.0
 
 def tell(what, share):
     if share > 0.4:
