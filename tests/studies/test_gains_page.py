@@ -6,7 +6,7 @@ from pathlib import Path
 import gains
 import pytest
 
-PAGE = (Path(__file__).parents[3] / "docs" / "gains.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs" / "gains.md").read_text()
 ROWS = json.loads(gains.RECORD.read_text())
 
 
