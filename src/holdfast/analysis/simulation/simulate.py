@@ -10,6 +10,8 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from operator import is_
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +29,7 @@ from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.closed_loop import ClosedLoop, Command, Commander, commander_of
 from holdfast.execution.simulation.outcomes import Outcome, SafeguardAnswer
 from holdfast.execution.simulation.settings import Settings, Trajectories
-from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.execution.simulation.steppers import BY_NAME, Tableau
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
 from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol
@@ -35,6 +37,7 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
+from holdfast.maths.expressions.traversal import symbols_in
 
 if TYPE_CHECKING:
     from holdfast.maths.definitions.quantity import Quantity
@@ -466,7 +469,7 @@ def simulate(
                 remedy="vary it under [varied.plant], or leave one of them out",
                 key="plant",
             )
-    program = closed_loop_program(
+    loop = _compiled(
         system,
         law,
         region=region,
@@ -476,11 +479,11 @@ def simulate(
         continuous=chosen.continuous,
         varied=varied,
     )
+    program = loop.program
     if isinstance(law.lookup, CellLookup):
         _check_held(law.lookup, program, chosen)
     if isinstance(law.lookup, SampledLookup):
         _check_hold(law.lookup, "a sampled game", program, chosen)
-    loop = ClosedLoop(program)
     values = {p.symbol: p.value for p in program.parameters}
     real = values | {symbol(name): float(value) for name, value in (plant or {}).items()}
     for parameters in (values, real):
@@ -539,6 +542,52 @@ def simulate(
         parameters={p.name: p.value for p in program.parameters},
         reference=reference,
     )
+
+
+def _compiled(
+    system: System,
+    law: Law | Switching,
+    *,
+    region: Region | None,
+    goal: Region | None,
+    disturbance: Mapping[str, sp.Expr],
+    stepper: Tableau,
+    continuous: bool = False,
+    varied: Varied | None = None,
+) -> ClosedLoop:
+    """The compiled program of `closed_loop_program`.
+
+    Definitions do not change, so that the same ones are lowered once: the last few programs stay,
+    but for laws with a table, which may be large.
+    """
+    objects = (system, law, region, goal, stepper, varied)
+    made = _closed_loop.__wrapped__ if law.lookup is not None else _closed_loop
+    return made(_Identity(objects), tuple(disturbance.items()), continuous)
+
+
+class _Identity:
+    """Objects as a key: the same ones, not equal ones."""
+
+    def __init__(self, objects: tuple[Any, ...]) -> None:
+        self.objects = objects
+
+    def __hash__(self) -> int:
+        return hash(tuple(map(id, self.objects)))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Identity) and all(map(is_, self.objects, other.objects))
+
+
+@lru_cache(maxsize=8)
+def _closed_loop(
+    of: _Identity, disturbance: tuple[tuple[str, sp.Expr], ...], continuous: bool
+) -> ClosedLoop:
+    system, law, region, goal, stepper, varied = of.objects
+    program = closed_loop_program(
+        system, law, region=region, goal=goal, disturbance=dict(disturbance), stepper=stepper,
+        continuous=continuous, varied=varied,
+    )  # fmt: skip
+    return ClosedLoop(program)
 
 
 def _check_held(lookup: CellLookup, program: ClosedLoopProgram, chosen: Settings) -> None:
@@ -655,7 +704,7 @@ def _warn_of_gains(
     """One warning for each gain condition that at least one run violates, or a refusal."""
     names = [symbol(n) for n in program.varied.names]
     for condition in program.conditions:
-        involved = (condition.value + condition.limit).free_symbols
+        involved = {*symbols_in(condition.value), *symbols_in(condition.limit)}
         columns = [j for j, name in enumerate(names) if name in involved]
         rows = own[:, columns] if columns else own[:1, :0]
         known: dict[bytes, str | None] = {}  # equal numbers are judged once

@@ -83,7 +83,7 @@ from holdfast.maths.definitions.switching import (
 )
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.random_points import is_zero
-from holdfast.maths.expressions.traversal import derivatives, exchanged, symbols_of
+from holdfast.maths.expressions.traversal import at_numbers, derivatives, exchanged, symbols_of
 
 USUAL = (1.0, 4.0)
 """Gains of a safety filter [1/s] where none are given and the sample time bears them."""
@@ -103,7 +103,7 @@ class HeldGains(GainCondition):
 
     def violation(self, parameters: Mapping[sp.Symbol, float]) -> str | None:
         values = {DELAY: 0.0, **parameters}
-        value, limit = (float(e.subs(values)) for e in (self.value, self.limit))
+        value, limit = (float(at_numbers(e, values)) for e in (self.value, self.limit))
         if value <= limit * (1.0 + ROUNDING):
             return None
         gains = [float(values[k]) for k in ((K1, K2) if self.orders != (1,) else (K1,))]

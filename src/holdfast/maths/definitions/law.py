@@ -27,6 +27,7 @@ from holdfast.maths.definitions.quantity import (
     merge_parameters,
     symbol,
 )
+from holdfast.maths.expressions.traversal import at_numbers
 
 T = TypeVar("T", bound="Lookup")
 
@@ -207,8 +208,8 @@ class GainCondition:
         A delay that is not given is none.
         """
         values = {DELAY: 0.0, **parameters}
-        value = float(self.value.subs(values))
-        limit = float(self.limit.subs(values))
+        value = float(at_numbers(self.value, values))
+        limit = float(at_numbers(self.limit, values))
         if value < limit or (self.closed and value <= limit * (1.0 + 1e-12)):
             return None
         shown = f"{limit:.4g}" if self.limit.is_number else f"{limit:.4g} = {self.limit}"

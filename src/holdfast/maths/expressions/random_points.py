@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 
 import mpmath
 import sympy as sp
@@ -114,7 +115,8 @@ def is_zero(expression: sp.Expr) -> bool:
     return sp.simplify(expression) == 0
 
 
-def full_rank(matrix: sp.Matrix) -> bool:
+@lru_cache(maxsize=256)
+def full_rank(matrix: sp.ImmutableMatrix) -> bool:
     """Whether the rows of a matrix are independent for some values of its symbols.
 
     A random point where they are decides at once; else SymPy does, which takes longer.

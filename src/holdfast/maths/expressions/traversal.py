@@ -8,6 +8,7 @@ As text an expression has names, whole numbers, operators and functions: nothing
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import sympy as sp
@@ -45,6 +46,23 @@ def exchanged(expressions: Iterable[sp.Expr], values: Mapping[sp.Expr, sp.Expr])
         return known[part]
 
     return [found(e) for e in expressions]
+
+
+def at_numbers(e: sp.Expr, values: Mapping[sp.Symbol, sp.Expr | float]) -> sp.Expr:
+    """The expression where its symbols have these values, as by `subs`; the last ones stay."""
+    used = tuple((s, sp.sympify(values[s])) for s in symbols_in(e) if s in values)
+    return _at_numbers(e, used)
+
+
+@lru_cache(maxsize=1024)
+def symbols_in(e: sp.Expr) -> tuple[sp.Symbol, ...]:
+    """All symbols of an expression; the last answers stay."""
+    return tuple(symbols_of([e]))
+
+
+@lru_cache(maxsize=1024)
+def _at_numbers(e: sp.Expr, used: tuple[tuple[sp.Symbol, sp.Expr], ...]) -> sp.Expr:
+    return exchanged([e], dict(used))[0] if all(v.is_number for _, v in used) else e.subs(used)
 
 
 def exact(e: Any) -> sp.Expr:

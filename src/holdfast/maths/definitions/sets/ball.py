@@ -21,6 +21,7 @@ from holdfast.maths.definitions.sets.base import (
 )
 from holdfast.maths.definitions.sets.box import Box
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select
+from holdfast.maths.expressions.traversal import at_numbers
 
 TINY = sp.Float(1e-150)
 """Beside a size of 0. Its inverse times any gain is a number."""
@@ -56,7 +57,7 @@ class Ball(Bounds):
         return tuple(scale * v for v in values)
 
     def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> Ball:
-        return Ball(self.radius.subs(parameters), self.dimension)
+        return Ball(at_numbers(self.radius, parameters), self.dimension)
 
     @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:

@@ -21,6 +21,7 @@ from holdfast.maths.definitions.sets.base import (
     entries,
 )
 from holdfast.maths.expressions.functions import clip, magnitude, select, sgn
+from holdfast.maths.expressions.traversal import at_numbers
 
 
 @checked
@@ -66,8 +67,8 @@ class Box(Bounds):
         return tuple(result)
 
     def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> Box:
-        sides = [tuple(e.subs(parameters) for e in side) for side in (self.lower, self.upper)]
-        return Box(*sides)
+        sides = (self.lower, self.upper)
+        return Box(*(tuple(at_numbers(e, parameters) for e in side) for side in sides))
 
     @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:

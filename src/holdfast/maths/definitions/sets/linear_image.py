@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import sympy as sp
 
@@ -11,6 +12,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.sets.base import Bounds, Reach, Row
 from holdfast.maths.expressions.random_points import full_rank
+from holdfast.maths.expressions.traversal import at_numbers
 
 
 @checked
@@ -77,7 +79,8 @@ class LinearImage(Bounds):
         return tuple(self.matrix * sp.Matrix(actuators))
 
     def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> LinearImage:
-        return LinearImage(self.matrix.subs(parameters), self.of.at(parameters), self.actuators)
+        matrix = self.matrix.applyfunc(lambda e: at_numbers(e, parameters))
+        return LinearImage(matrix, self.of.at(parameters), self.actuators)
 
     @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
@@ -96,6 +99,10 @@ class LinearImage(Bounds):
         return self.of.range_along(list(self.matrix.T * sp.Matrix(weights)))
 
     def ranges(self) -> list[tuple[sp.Expr, sp.Expr]]:
+        return list(self._ranges)
+
+    @cached_property
+    def _ranges(self) -> list[tuple[sp.Expr, sp.Expr]]:
         return [self.of.range_along(list(self.matrix.row(i))) for i in range(self.dimension)]
 
     def ends(self) -> tuple[sp.Expr, ...]:
