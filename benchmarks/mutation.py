@@ -1,0 +1,183 @@
+"""Does a test fail when a decision of the code is another? A mutation run, part by part.
+
+    python benchmarks/mutation.py                                  # every part, 40 mutants of each
+    python benchmarks/mutation.py --part filter --count 200 --seed 3
+    python benchmarks/mutation.py --part checker --only 17 --seed 1
+
+A mutant is one file of `src` in which one comparison has another link (< for <=, == for !=), a part
+of an `and` or `or` is gone, a condition is turned around, + is -, * is /, `min` is `max`, or a
+number is one more. Mutants are drawn from (seed, number); their tests run in a copy of the tree
+until one fails. A mutant that all of them pass survives: either the tests hold nothing there, or it
+says the same, and `mutation.toml` says why. `mutation.json` has the counts and the survivors.
+
+Exit status 1 if a mutant survives of which `mutation.toml` says nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import copy
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+RECORD, REASONS = (Path(__file__).with_suffix(ending) for ending in (".json", ".toml"))
+LONGER = 4
+"""A mutant that takes this many times as long as the true code goes on for ever."""
+
+PARTS = {
+    # part: its files below src, and the tests that hold it
+    "quadratic program": (
+        ["holdfast/execution/simulation/quadratic_program.py"],
+        ["tests/execution/simulation/test_quadratic_program.py"],
+    ),
+    "filter": (
+        ["holdfast/analysis/online/safety_filter.py", "holdfast/maths/control/safety_filter.py"],
+        ["tests/analysis/online/test_safety_filter.py", "tests/analysis/online/test_overshoot.py",
+         "tests/maths/control"],
+    ),
+    "verdicts of marches": (
+        ["holdfast/analysis/reachability/march_report.py"],
+        ["tests/analysis/reachability/test_march_report.py",
+         "tests/analysis/reachability/test_value_function.py"],
+    ),
+    "checker": (
+        ["holdfast_check/checker.py", "holdfast_check/held.py", "holdfast_check/law.py",
+         "holdfast_check/safeguard.py", "holdfast_check/taylor.py", "holdfast_check/flowpipe.py"],
+        ["tests/analysis/certificates"],
+    ),
+}  # fmt: skip
+
+OTHER_LINK = {
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
+}  # fmt: skip
+OTHER_OPERATION = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
+OTHER_NAME = {"min": "max", "max": "min", "any": "all", "all": "any"}
+
+
+def others(node: ast.AST) -> Iterator[ast.AST]:
+    """What may stand in place of a node."""
+    match node:
+        case ast.Compare():
+            for k, op in enumerate(node.ops):
+                if (other := OTHER_LINK.get(type(op))) is not None:
+                    ops = [*node.ops[:k], other(), *node.ops[k + 1 :]]
+                    yield ast.Compare(node.left, ops, node.comparators)
+        case ast.BoolOp():
+            for k in range(len(node.values)):
+                rest = node.values[:k] + node.values[k + 1 :]
+                yield rest[0] if len(rest) == 1 else ast.BoolOp(node.op, rest)
+        case ast.UnaryOp(op=ast.Not()):
+            yield node.operand
+        case ast.BinOp() if (operation := OTHER_OPERATION.get(type(node.op))) is not None:
+            yield ast.BinOp(node.left, operation(), node.right)
+        case ast.Call(func=ast.Name(id=name)) if name in OTHER_NAME:
+            yield ast.Call(ast.Name(OTHER_NAME[name], ast.Load()), node.args, node.keywords)
+        case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
+            yield ast.Constant(node.value + 1)
+
+
+def mutants(file: Path) -> list[tuple[str, str]]:
+    """(what is other, the changed source) of every mutant of a file."""
+    tree = ast.parse(file.read_text("utf-8"))
+    nodes = list(ast.walk(tree))
+    annotations = {
+        id(inner) for node in nodes for name in ("annotation", "returns")
+        if (hint := getattr(node, name, None)) is not None for inner in ast.walk(hint)
+    }  # fmt: skip
+    every = []
+    for place, node in enumerate(nodes):
+        if id(node) in annotations:
+            continue
+        for other in others(node):
+            says = f"{file.name}: {ast.unparse(node)} -> {ast.unparse(other)}"
+            every.append((says, _replaced(tree, place, other)))
+    return every
+
+
+def _replaced(tree: ast.Module, place: int, other: ast.AST) -> str:
+    fresh = copy.deepcopy(tree)
+    target = list(ast.walk(fresh))[place]
+
+    class Exchange(ast.NodeTransformer):
+        def visit(self, node: ast.AST) -> ast.AST:
+            return copy.deepcopy(other) if node is target else self.generic_visit(node)
+
+    return ast.unparse(ast.fix_missing_locations(Exchange().visit(fresh)))
+
+
+def passes(copied: Path, tests: list[str], seconds: float) -> bool:
+    """Whether all tests pass with the sources of a copy, in time."""
+    places = [copied / "src", copied / "benchmarks", copied]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, places))}
+    words = ["-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
+    try:
+        ended = subprocess.run(
+            [sys.executable, *words], cwd=copied, env=environment, timeout=seconds,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return False
+    return ended.returncode == 0
+
+
+def survivors_of(part: str, count: int, seed: int, only: int | None) -> tuple[int, list[str]]:
+    """How many mutants were tried, and those that all tests passed."""
+    files, tests = PARTS[part]
+    with tempfile.TemporaryDirectory() as folder:
+        copied = Path(folder) / "tree"
+        shutil.copytree(ROOT, copied, ignore=shutil.ignore_patterns(".git", "runs", "__pycache__"))
+        begun = time.perf_counter()
+        if not passes(copied, tests, 3600):
+            raise SystemExit(f"the tests of the {part} fail as they are: {' '.join(tests)}")
+        seconds = LONGER * (time.perf_counter() - begun)
+        every = [(copied / "src" / name, *mutant) for name in files
+                 for mutant in mutants(ROOT / "src" / name)]  # fmt: skip
+        drawn = random.Random(f"{seed} {part}").sample(every, min(count, len(every)))
+        alive = []
+        for number, (file, says, source) in enumerate(drawn):
+            if only is not None and number != only:
+                continue
+            true = file.read_text("utf-8")
+            file.write_text(source, "utf-8")
+            lives = passes(copied, tests, seconds)
+            file.write_text(true, "utf-8")
+            print(f"{part} {number}: {'LIVES' if lives else 'found'}: {says}", flush=True)
+            alive += [says] if lives else []
+    return len(drawn), alive
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--part", choices=PARTS, action="append", help="only this one (or several)")
+    parser.add_argument("--count", type=int, default=40, help="mutants of each part")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", type=int, help="one mutant, by its number")
+    asked = parser.parse_args()
+    reasons = tomllib.loads(REASONS.read_text("utf-8")) if REASONS.exists() else {}
+    record = json.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
+    open_questions = []
+    for part in asked.part or PARTS:
+        tried, alive = survivors_of(part, asked.count, asked.seed, asked.only)
+        unexplained = [says for says in alive if says not in reasons.get(part, {})]
+        open_questions += unexplained
+        record[part] = {"seed": asked.seed, "mutants": tried, "survivors": sorted(alive)}
+        print(f"{part}: {tried} mutants, {len(alive)} survive, {len(unexplained)} unexplained")
+        if asked.only is None:
+            RECORD.write_text(json.dumps(record, indent=1) + "\n", "utf-8")
+    sys.exit(1 if open_questions else 0)
+
+
+if __name__ == "__main__":
+    main()
