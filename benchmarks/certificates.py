@@ -130,25 +130,25 @@ LARGEST = {
 """By name: the number of which the largest certified value is searched."""
 
 HALVED = {
-    "seen-target": Case("seen-target", "", {"cells": 51, "refine": 2}),
-    "held-station": Case("held-station", "", {"cells": 51, "refine": 2}),
-    "ferry-banks": Case("ferry-banks", "", {"cells": 81, "refine": 2}),
+    "seen-target": Case("seen-target", "", {"cells": 51, "halvings": 2}),
+    "held-station": Case("held-station", "", {"cells": 51, "halvings": 2}),
+    "ferry-banks": Case("ferry-banks", "", {"cells": 81, "halvings": 2}),
     "seen-with-sway": Case(
         "seen-with-sway",
         "",
-        {"cells": {"ahead": 31, "left": 41, "v": 11}, "refine": 2},
+        {"cells": {"ahead": 31, "left": 41, "v": 11}, "halvings": 2},
     ),
     "pushed-cart": Case(
         "pushed-cart",
         "",
-        {"cells": 16, "refine": 1},
+        {"cells": 16, "halvings": 1},
         SLOW_CART,
         share=0.02,
     ),
     "seen-by-thrust": Case(
         "seen-by-thrust",
         "",
-        {"cells": {"ahead": 25, "left": 33, "u": 17, "v": 9}, "refine": 1},
+        {"cells": {"ahead": 25, "left": 33, "u": 17, "v": 9}, "halvings": 1},
         SLOW_BOAT,
         share=0.02,
     ),
@@ -251,18 +251,18 @@ def halved(name: str) -> list[dict[str, Any]]:
     """A case: cells that are halved, and all cells as small as the smallest of them."""
     case = HALVED[name]
     certified(
-        case.scenario, case.overrides, **{**case.options, "cells": 5, "refine": 0}
+        case.scenario, case.overrides, **{**case.options, "cells": 5, "halvings": 0}
     )  # compiled
-    cells, times = case.options["cells"], case.options["refine"]
+    cells, times = case.options["cells"], case.options["halvings"]
     small = cells << times if isinstance(cells, int) else {n: c << times for n, c in cells.items()}
     rows = []
-    for options in (case.options, {**case.options, "cells": small, "refine": 0}):
+    for options in (case.options, {**case.options, "cells": small, "halvings": 0}):
         begun = time.perf_counter()
         found = certified(case.scenario, case.overrides, **options)
         row: dict[str, Any] = {
             "scenario": case.scenario,
-            "cells": [c >> options["refine"] for c in found.cells.counts],
-            "halved": options["refine"],
+            "cells": [c >> options["halvings"] for c in found.cells.counts],
+            "halved": options["halvings"],
             "entries": len(found.kept.entries),
             "seconds": round(time.perf_counter() - begun, 2),
             "volume": round(certified_volume(found), 4),
@@ -270,7 +270,7 @@ def halved(name: str) -> list[dict[str, Any]]:
         with tempfile.TemporaryDirectory() as folder:
             path = found.write(Path(folder) / "certificate.holdfast")
             row["file_bytes"] = path.stat().st_size
-            if options["refine"]:
+            if options["halvings"]:
                 row |= {"checked_share": case.share, "checker": check(str(path), case.share)}
         rows.append(row)
     return rows

@@ -6,7 +6,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.analysis.reachability.problem import Marching
-from holdfast.errors import RenamedWarning, ScenarioError
+from holdfast.errors import ArgumentError, RenamedWarning, ScenarioError
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.definitions.region import Circle, Cone, Footprint, Segment
 from holdfast.scenario.load import load_scenario
@@ -269,3 +269,15 @@ def test_word_beside_its_former_one_is_refused(tmp_path):
         load(tmp_path, CONTINUOUS=twice)
     with pytest.raises(ScenarioError, match="'continuous' or 'sampled', now 'continuous'"):
         load(tmp_path, CONTINUOUS='control = "smooth"')
+
+
+def test_a_former_argument_is_understood_for_a_release():
+    x = hf.symbol("x")
+    line = hf.System("line", (hf.Quantity("x", "m"),), (), {"x": -x})
+    region = hf.Region("near", line.states, (hf.Inequality("n", x**2 - 1, "m^2"),))
+    asked = {"box": {"x": (-1, 1)}, "cells": 10, "sample_time": 0.1}
+    with pytest.warns(RenamedWarning, match="the argument 'refine' is now 'halvings'"):
+        former = hf.certify(line, region, refine=1, **asked)
+    assert former.kept.depth == hf.certify(line, region, halvings=1, **asked).kept.depth == 1
+    with pytest.raises(ArgumentError, match="both 'halvings' and its former name 'refine'"):
+        hf.certify(line, region, refine=1, halvings=1, **asked)

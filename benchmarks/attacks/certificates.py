@@ -65,7 +65,7 @@ class Setting:
         if g.random() < 0.25:
             self.options["delay"] = float(f"{self.hold * drawn(g, 0.1, 0.5):.2g}")
         if g.random() < 0.2:
-            self.options["refine"] = 1
+            self.options["halvings"] = 1
         if g.random() < 0.2:
             self.options["horizon"] = 4 * self.hold
 

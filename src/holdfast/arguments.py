@@ -14,6 +14,7 @@ import inspect
 import math
 import types
 import typing
+import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import wraps
 from numbers import Real
@@ -23,7 +24,7 @@ from typing import Any, TypeVar
 
 import sympy as sp
 
-from holdfast.errors import ArgumentError
+from holdfast.errors import ArgumentError, RenamedWarning
 
 T = TypeVar("T", bound=Callable[..., Any])
 
@@ -54,6 +55,30 @@ def checked(of: T) -> T:
     owner, _, own = of.__qualname__.rpartition(".")
     name = owner.rpartition(".")[2] if own == "__init__" else own
     return _checked(of, name)  # type: ignore[return-value]
+
+
+def renamed(**names: str) -> Callable[[T], T]:
+    """Decorate a function: former names of arguments warn, and go with the next release."""
+
+    def decorated(function: T) -> T:
+        @wraps(function)
+        def call(*positional: Any, **named: Any) -> Any:
+            for former, now in names.items():
+                if former in named:
+                    if now in named:
+                        raise ArgumentError(f"both '{now}' and its former name '{former}'")
+                    named[now] = named.pop(former)
+                    warnings.warn(
+                        f"the argument '{former}' is now '{now}'; the former goes with the next "
+                        "release",
+                        RenamedWarning,
+                        stacklevel=2,
+                    )
+            return function(*positional, **named)
+
+        return call  # type: ignore[return-value]
+
+    return decorated
 
 
 def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:

@@ -59,7 +59,7 @@ def test_command_writes_a_certificate_and_the_other_one_checks_it(tmp_path):
 
 
 def test_command_halves_cells_and_says_so(tmp_path):
-    given = ["--cells", "25", "--refine", "4", "--out", str(tmp_path)]
+    given = ["--cells", "25", "--halvings", "4", "--out", str(tmp_path)]
     answer = CliRunner().invoke(command, ["seen-target", *given])
     assert answer.exit_code == 0, answer.output
     told = json.loads((tmp_path / "certificate.json").read_text())

@@ -145,7 +145,7 @@ def test_options_replace_what_the_scenario_asks():
         ("certificate.errors={mass=1}", "certificate.errors: unknown name 'mass'"),
         ("certificate.sample_time='2 m'", "the unit 'm' does not fit; expected 's'"),
         ("certificate.cell=3", "certificate.cell: unknown key; did you mean 'cells'"),
-        ("certificate.refine=-1", "certificate.refine"),
+        ("certificate.halvings=-1", "certificate.halvings"),
     ],
 )
 def test_what_a_certificate_cannot_be_asked_is_refused(override, said):

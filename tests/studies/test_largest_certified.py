@@ -51,7 +51,7 @@ def test_what_is_proved_is_below_what_the_margin_of_the_kernel_finds():
 
 
 def test_trials_of_a_largest_current_halve_cells():
-    asked = {"between": (0.1, 0.6), "tolerance": 0.3, "cells": 25, "refine": 1}
+    asked = {"between": (0.1, 0.6), "tolerance": 0.3, "cells": 25, "halvings": 1}
     found = largest_certified("seen-target", "current", **asked)
     assert found.low == pytest.approx(0.35)
     assert found.found.kept.depth == 1

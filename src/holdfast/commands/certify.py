@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from typing import Any
 import click
 
 from holdfast.commands.options import NOT_ANSWERED, WHOLE, file_options
-from holdfast.errors import ScenarioError
+from holdfast.errors import RenamedWarning, ScenarioError
 from holdfast.host.files import check_writable
 from holdfast.studies.progress import bar
 
@@ -75,11 +76,12 @@ from holdfast.studies.progress import bar
     help="Seconds by which an input may come late [default: the scenario's, else 0].",
 )
 @click.option(
-    "--refine",
+    "--halvings",
     type=WHOLE,
     help="How often cells beside certified ones are halved along each state "
     "[default: the scenario's, else 0].",
 )
+@click.option("--refine", type=WHOLE, hidden=True)  # the former name of --halvings
 @click.option(
     "--kernel",
     type=click.Path(path_type=Path),
@@ -131,6 +133,7 @@ def command(
     uncertain: tuple[str, ...],
     error: tuple[str, ...],
     delay: float | None,
+    halvings: int | None,
     refine: int | None,
     kernel: Path | None,
     margin: float | None,
@@ -155,6 +158,10 @@ def command(
     when it is repeated. The exit status is 1 if no cell is certified, if --from is not proved, and
     with --largest if the limit was not found.
     """
+    if refine is not None:
+        said = "the option '--refine' is now '--halvings'; the former goes with the next release"
+        warnings.warn(said, RenamedWarning, stacklevel=1)
+        halvings = refine if halvings is None else halvings
     options: dict[str, Any] = {
         "cells": cells,
         "horizon": horizon,
@@ -162,15 +169,15 @@ def command(
         "errors": dict(_error(text) for text in error),
     }
     ranges = dict(_range(text, "--box") for text in box)
-    more = {"sample_time": sample_time, "delay": delay, "inputs": inputs, "refine": refine}
+    more = {"sample_time": sample_time, "delay": delay, "inputs": inputs, "halvings": halvings}
     options |= {name: value for name, value in more.items() if value is not None}
     search = {"between": between, "tolerance": tolerance, "share": share}
     search = {name: value for name, value in search.items() if value is not None}
     if sample_time is not None and not 0 < sample_time < math.inf:
         raise ScenarioError(f"--sample-time {sample_time:g}", expected="seconds, above 0")
-    if box and (largest is not None or search or refine):
+    if box and (largest is not None or search or halvings):
         raise ScenarioError(
-            "--box with --largest or --refine", expected="a law's cells as they are"
+            "--box with --largest or --halvings", expected="a law's cells as they are"
         )
     if kernel is None and margin is not None:
         raise ScenarioError("--margin without --kernel", remedy="name the file of a kernel")
@@ -193,7 +200,7 @@ def command(
     if start:
         beside = {
             "kernel": kernel, "box": box, "largest": largest, "outer": outer, "cells": cells,
-            "delay": delay, "refine": refine,
+            "delay": delay, "halvings": halvings,
         }  # fmt: skip
         if wrong := [name for name, value in beside.items() if value not in (None, (), 0)]:
             raise ScenarioError(f"--{wrong[0]} with --from", expected="one box, and no cells")
@@ -202,7 +209,7 @@ def command(
     folder = out if out is not None else Path("runs") / scenario_title(scenario)
     check_writable(folder)
     if outer is not None:
-        names = ("cells", "sample_time", "inputs", "refine")
+        names = ("cells", "sample_time", "inputs", "halvings")
         options = {"outer": outer} | {n: options[n] for n in names if n in options}
         answer = _of_outside(scenario, overrides, options)
     elif start:

@@ -25,7 +25,7 @@ from holdfast.analysis.certificates.problem import INPUTS, counts_of
 from holdfast.analysis.load import load
 from holdfast.analysis.reachability.solve import Answer, search
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.arguments import checked
+from holdfast.arguments import checked, renamed
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.host.files import make_folder, saved, write_summary
 from holdfast.scenario.files import read_tables
@@ -50,7 +50,7 @@ def certified(
     uncertain: Mapping[str, Range] | None = None,
     errors: Mapping[str, float] | None = None,
     delay: float | None = None,
-    refine: int | None = None,
+    halvings: int | None = None,
     store: Path | None = None,
     kernel: Path | None = None,
     margin: float = 0.0,
@@ -73,7 +73,7 @@ def certified(
     axes = loaded.grid.axes
     options = merged(
         loaded, cells=cells, sample_time=sample_time, horizon=horizon, inputs=inputs,
-        uncertain=uncertain, errors=errors, delay=delay, refine=refine,
+        uncertain=uncertain, errors=errors, delay=delay, halvings=halvings,
     )  # fmt: skip
     return certify(
         loaded.system,
@@ -110,7 +110,7 @@ def outside_of(
     cells: int | None = None,
     sample_time: float | None = None,
     inputs: int = INPUTS,
-    refine: int = 0,
+    halvings: int = 0,
     progress: Callable[[str, float], None] | None = None,
 ) -> OuterSet:
     """`hf.outer_set` for the system and the regions of a scenario, and its set in the file `outer`.
@@ -126,7 +126,7 @@ def outside_of(
     region = loaded.region if reaches else loaded.about
     return outer_set(
         _value_in(outer), loaded.system, region, target=loaded.goal if reaches else None,
-        cells=cells, sample_time=sample_time, inputs=inputs, refine=refine, progress=progress,
+        cells=cells, sample_time=sample_time, inputs=inputs, halvings=halvings, progress=progress,
     )  # fmt: skip
 
 
@@ -293,6 +293,7 @@ class Searched:
     widens: bool
 
 
+@renamed(refine="halvings")
 @checked
 def largest_certified(
     scenario: str,
@@ -308,7 +309,7 @@ def largest_certified(
     uncertain: Mapping[str, Range] | None = None,
     errors: Mapping[str, float] | None = None,
     delay: float | None = None,
-    refine: int | None = None,
+    halvings: int | None = None,
     overrides: Iterable[str] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> LargestCertified:
@@ -374,7 +375,7 @@ def largest_certified(
             uncertain={**given, **searched.uncertain(value)},
             errors=errors,
             delay=delay,
-            refine=refine,
+            halvings=halvings,
             progress=tell,
         )
         kept = found.kept

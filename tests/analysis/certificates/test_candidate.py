@@ -34,17 +34,17 @@ def corners(found):
     return np.concatenate(picks)
 
 
-@pytest.mark.parametrize(("refine", "share"), [(1, 0.79), (2, 0.87), (3, 0.92)])
-def test_set_that_is_too_large_is_certified_where_it_can_be_held(kernel, refine, share, tmp_path):
+@pytest.mark.parametrize(("halvings", "share"), [(1, 0.79), (2, 0.87), (3, 0.92)])
+def test_set_that_is_too_large_is_certified_where_it_can_be_held(kernel, halvings, share, tmp_path):
     """Nothing beyond the exact disc, most of it, and every cell holds for the checker."""
     states = np.random.default_rng(0).uniform(-2, 2, (20_000, 2))
     beyond = np.hypot(*states[kernel.contains(states)].T).max() - 1.0
     assert beyond / kernel.grid.axes[0].step == pytest.approx(0.17, abs=0.05)
-    found = kernel.certified(SPREADING, SQUARE, sample_time=0.2, refine=refine)
+    found = kernel.certified(SPREADING, SQUARE, sample_time=0.2, halvings=halvings)
     assert np.hypot(*corners(found).T).max() <= 1.0
     low, high = found.cells.corners(found.kept.members)
     assert (high - low).prod(axis=1).sum() / np.pi == pytest.approx(share, abs=0.005)
-    told = check(str(found.write(tmp_path / "c.holdfast")), share=1.0 if refine == 1 else 0.2)
+    told = check(str(found.write(tmp_path / "c.holdfast")), share=1.0 if halvings == 1 else 0.2)
     assert told.startswith(f"{len(found.kept.members)} cells for ever: ")
 
 
@@ -113,7 +113,7 @@ def test_set_in_three_states_is_certified_where_it_can_be_held(tmp_path):
     )
     grid = hf.grid(SPACE, dict.fromkeys("xyz", (-1.5, 1.5)), 25)
     kernel = hf.viability_kernel(SPACE, region, grid, 20, scheme="upwind")
-    found = kernel.certified(SPACE, region, sample_time=0.2, refine=1)
+    found = kernel.certified(SPACE, region, sample_time=0.2, halvings=1)
     low, high = found.cells.corners(found.kept.members)
     assert np.linalg.norm(np.maximum(abs(low), abs(high)), axis=1).max() <= 1.0
     assert (high - low).prod(axis=1).sum() / (4 / 3 * np.pi) == pytest.approx(0.63, abs=0.005)

@@ -296,7 +296,11 @@ def test_three_states_are_kept_for_as_long_as_is_said():
 def halved():
     """Cells of three sizes, for a while."""
     system = camera(0.45)
-    return system, None, hf.certify(system, view(system), box=BOX, cells=20, horizon=0.5, refine=2)
+    return (
+        system,
+        None,
+        hf.certify(system, view(system), box=BOX, cells=20, horizon=0.5, halvings=2),
+    )
 
 
 # -- C -----------------------------------------------------------------------------------------

@@ -73,7 +73,7 @@ def written(folder):
             replace(system, rates={"x": 1 + U / 2 + D}), ends, cells=20, horizon=0.6, **given
         ),
         "reach": hf.certify(system, ends, cells=20, target=near, horizon=8.0, **given),
-        "halved": hf.certify(system, ends, cells=5, refine=2, **given),
+        "halved": hf.certify(system, ends, cells=5, halvings=2, **given),
         "whole": hf.certify(drawn, ends, cells=1, **{**given, "box": inner}),
         "still": hf.certify(biased, ends, cells=2, **{**given, "box": square}),
         "stepped": hf.certify(system, ends, cells=10, steps=2, **given),

@@ -59,9 +59,9 @@ PROBLEMS = {
 
 
 @cache
-def certified(name, cells, refine=0):
+def certified(name, cells, halvings=0):
     system, region, given = PROBLEMS[name]()
-    return hf.certify(system, region, **given, cells=cells, refine=refine, steps=1)
+    return hf.certify(system, region, **given, cells=cells, halvings=halvings, steps=1)
 
 
 def levels(found):
@@ -128,7 +128,7 @@ def test_target_that_only_small_cells_lie_in_is_reached():
     strip = {**given, "target": hf.Region("strip", system.states, rows), "sample_time": 0.1}
     with pytest.raises(SimulationError, match="no cell lies in 'strip'"):
         hf.certify(system, region, **strip, cells=14)
-    assert hf.certify(system, region, **strip, cells=14, refine=2).kept.share > 0.5
+    assert hf.certify(system, region, **strip, cells=14, halvings=2).kept.share > 0.5
 
 
 def test_cell_outlasts_what_it_leads_to_by_one_hold():
@@ -416,15 +416,15 @@ def test_numbers_of_cells_name_their_box_and_the_smallest_cells_in_it():
             assert (b[rows == k].max(axis=0) == high[k]).all()
 
 
-@pytest.mark.parametrize(("refine", "said"), [(-1, "refine is -1"), (40, "refine is 40"),
+@pytest.mark.parametrize(("halvings", "said"), [(-1, "halvings is -1"), (40, "halvings is 40"),
                                               (15, "cells of the smallest size")])  # fmt: skip
-def test_cells_that_cannot_be_halved_so_often_are_refused(refine, said):
+def test_cells_that_cannot_be_halved_so_often_are_refused(halvings, said):
     with pytest.raises(SimulationError, match=said):
-        certified("view", 25, refine)
+        certified("view", 25, halvings)
 
 
 def test_cell_between_neighbouring_floats_is_not_halved():
     edges = [-1.0, 0.0, np.nextafter(0.5, 0), 0.5, 1.0]
     system, region = cart()
     with pytest.raises(SimulationError, match="too narrow to be halved"):
-        hf.certify(system, region, box=CART, cells={"x": edges, "v": 5}, refine=1)
+        hf.certify(system, region, box=CART, cells={"x": edges, "v": 5}, halvings=1)

@@ -94,7 +94,7 @@ def _with_middles(edges: Floats) -> Floats:
     found = np.empty(2 * len(edges) - 1)
     found[::2], found[1::2] = edges, 0.5 * edges[:-1] + 0.5 * edges[1:]
     if not (np.diff(found) > 0).all():
-        raise SimulationError("a cell is too narrow to be halved", remedy="refine less")
+        raise SimulationError("a cell is too narrow to be halved", remedy="halve less often")
     return found
 
 

@@ -56,7 +56,7 @@ from holdfast.analysis.certificates.problem import (
     ranges_of,
 )
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.arguments import checked
+from holdfast.arguments import checked, renamed
 from holdfast.errors import SimulationError
 from holdfast.execution.intervals.enclosure import TURN
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
@@ -73,14 +73,14 @@ def kept(
     candidates: Floats,
     holds: int | None = None,
     progress: Callable[[str, float], None] | None = None,
-    refine: int = 0,
+    halvings: int = 0,
     store: Store | None = None,
     among: Callable[[Cells], Truths] | None = None,
 ) -> Kept:
     """The cells in the region from which a held input leads to others of them, again and again.
 
     candidates: inputs that are tried, shape (inputs, ...). holds: how many sampling periods; None
-    for ever. refine: how often cells are halved that are left near those that are kept. among:
+    for ever. halvings: how often cells are halved that are left near those that are kept. among:
     which cells are tried; None is all of the region.
     """
 
@@ -89,7 +89,7 @@ def kept(
 
     enough = BEST if holds is None else holds
     found = refined(
-        flow, cells, candidates, refine, settle, enough,
+        flow, cells, candidates, halvings, settle, enough,
         progress=progress, store=store, among=among,
     )  # fmt: skip
     entries = found.entries
@@ -150,7 +150,7 @@ def reached(
     candidates: Floats,
     holds: int | None = None,
     progress: Callable[[str, float], None] | None = None,
-    refine: int = 0,
+    halvings: int = 0,
     store: Store | None = None,
     among: Callable[[Cells], Truths] | None = None,
 ) -> Kept:
@@ -158,8 +158,8 @@ def reached(
 
     Those of the target are 0 sampling periods away from it; a cell from which an input leads to
     cells of up to n periods, in the region on the way, is n + 1 away. holds: how many periods at
-    most; None is as many as there are. refine: how often cells are halved that are left near those
-    that are found. among: which cells are tried; None is all of the region. The result's `holds` is
+    most; None is as many as there are. halvings: how often cells are halved that are left near
+    those that are found. among: which cells are tried; None is all of the region. The result's `holds` is
     the largest number, its entries' levels are the numbers
     of each.
     """
@@ -171,7 +171,7 @@ def reached(
         flow,
         cells,
         candidates,
-        refine,
+        halvings,
         settle,
         REGION + 1,
         target=True,
@@ -299,6 +299,7 @@ CELLS = 101
 """Cells along a state."""
 
 
+@renamed(refine="halvings")
 @checked
 def certify(
     system: System,
@@ -315,7 +316,7 @@ def certify(
     law: Law | Switching | None = None,
     errors: Mapping[str, float] | None = None,
     delay: float = 0.0,
-    refine: int = 0,
+    halvings: int = 0,
     steps: int | None = None,
     store: str | Path | None = None,
     candidate: ValueFunction | None = None,
@@ -338,7 +339,7 @@ def certify(
     state -> by how much it may be measured wrong: the cell that is measured has the input. delay
     [s]: by how long an input may come late, below `sample_time`; until it comes any other that was
     tried, or that the law may give in the region, may be under way, before the first sample too.
-    refine: how often cells are halved along each axis: those that are left beside certified ones,
+    halvings: how often cells are halved along each axis: those that are left beside certified ones,
     at the edge of the region too. `kept.members` are cells of the smallest size, `kept.entries`
     those that were found, of all sizes.
 
@@ -397,7 +398,7 @@ def certify(
     parameters = parameters_of(system, regions)
     check_names(parameters)
     grid = _cells(system, box, cells, expressions)
-    _check_refine(refine, grid)
+    _check_refine(halvings, grid)
     if steps is not None and not 1 <= steps <= MOST_STEPS:
         raise SimulationError(f"steps is {steps}", expected=f"from 1 to {MOST_STEPS}")
     if not (math.isfinite(sample_time) and sample_time > 0):
@@ -438,19 +439,19 @@ def certify(
         sampling = replace(sampling, under_way=late)
     flow = flow_of(sampling)
     flow = in_steps(flow, grid, candidates) if steps is None else flow.in_steps(steps)
-    if target is not None and not any(len(where(flow.arrived, g)) for g in _halves(grid, refine)):
+    if target is not None and not any(len(where(flow.arrived, g)) for g in _halves(grid, halvings)):
         raise SimulationError(f"no cell lies in '{target.name}'", remedy="take smaller cells")
     if given is not None:
-        if refine or store is not None:
+        if halvings or store is not None:
             raise SimulationError(
-                "a law with refine or store", expected="cells as they are, judged in one go"
+                "a law with halvings or store", expected="cells as they are, judged in one go"
             )
         by_law = reached_by_law if target is not None else kept_by_law
         found = by_law(flow, grid, holds, progress)
     else:
         proved = reached if target is not None else kept
         kept_in = None if store is None else Store(store)
-        found = proved(flow, grid, candidates, holds, progress, refine, kept_in, among)
+        found = proved(flow, grid, candidates, holds, progress, halvings, kept_in, among)
     title = f"{system.name} in {region.name}" + (f" to {target.name}" if target else "")
     return Certificate(
         title=title + (f", by {law.name}" if law else ""),
@@ -512,22 +513,22 @@ def _cells(
     return Cells(tuple(edges), tuple(periodic))
 
 
-def _halves(cells: Cells, refine: int) -> Iterator[Cells]:
+def _halves(cells: Cells, halvings: int) -> Iterator[Cells]:
     """The cells, their halves, and so on."""
     yield cells
-    for _ in range(refine):
+    for _ in range(halvings):
         yield (cells := cells.halved())
 
 
-def _check_refine(refine: int, cells: Cells) -> None:
-    if not 0 <= refine <= MOST_DEPTH:
-        raise SimulationError(f"refine is {refine}", expected=f"from 0 to {MOST_DEPTH}")
-    total = cells.total << refine * len(cells.counts)
-    if total * (refine + 1) >= MOST_CELLS:
+def _check_refine(halvings: int, cells: Cells) -> None:
+    if not 0 <= halvings <= MOST_DEPTH:
+        raise SimulationError(f"halvings is {halvings}", expected=f"from 0 to {MOST_DEPTH}")
+    total = cells.total << halvings * len(cells.counts)
+    if total * (halvings + 1) >= MOST_CELLS:
         raise SimulationError(
             f"{total:,} cells of the smallest size",
-            expected=f"fewer than {MOST_CELLS // (refine + 1):,}",
-            remedy="refine less, or take fewer cells",
+            expected=f"fewer than {MOST_CELLS // (halvings + 1):,}",
+            remedy="halve less often, or take fewer cells",
         )
 
 

@@ -44,7 +44,7 @@ def kept_outside(
     counts: Mapping[str, int],
     sample_time: float | None,
     inputs: int,
-    refine: int,
+    halvings: int,
     progress: Callable[[str, float], None] | None,
 ) -> OuterSet:
     """The cells that are not certified to be driven out of the region."""
@@ -72,7 +72,7 @@ def kept_outside(
             continue
         found = certify(
             against, anywhere, target=away, box=box, cells=edges, sample_time=hold,
-            horizon=horizon, inputs=inputs, refine=refine, progress=progress,
+            horizon=horizon, inputs=inputs, halvings=halvings, progress=progress,
         )  # fmt: skip
         outer = _less_the_lost(value, found)
         if best is None or outer.volume < best.volume:

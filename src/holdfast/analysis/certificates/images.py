@@ -394,5 +394,5 @@ def _check_memory(cells: Cells, depth: int) -> None:
     total = cells.total << depth * len(cells.counts)
     check_memory(
         total * (48 + 16 * 2 ** sum(cells.periodic)), f"{total:,} cells of the smallest size",
-        "take fewer cells, or refine less",
+        "take fewer cells, or halve less often",
     )  # fmt: skip

@@ -24,12 +24,13 @@ from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.analysis.certificates.reached_cells import reached_within
 from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.arguments import checked
+from holdfast.arguments import checked, renamed
 from holdfast.errors import SimulationError
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 
 
+@renamed(refine="halvings")
 @checked
 def outer_set(
     value: ValueFunction,
@@ -40,7 +41,7 @@ def outer_set(
     cells: int | Mapping[str, int] | None = None,
     sample_time: float | None = None,
     inputs: int = INPUTS,
-    refine: int = 0,
+    halvings: int = 0,
     progress: Callable[[str, float], None] | None = None,
 ) -> OuterSet:
     """Cells outside which no state is of the set that `value` approximates, every rounding counted.
@@ -49,7 +50,7 @@ def outer_set(
     ends. target: the goal of a capture basin. cells: along each state, by default as many as the
     grid has. sample_time [s]: for which enclosures go, and the disturbance of a kernel is held; by
     default several are tried, and the smallest set is taken. inputs: values of each disturbance
-    that are tried; refine: how often cells of a kernel are halved that are left near lost ones.
+    that are tried; halvings: how often cells of a kernel are halved that are left near lost ones.
 
     A set for a horizon is bounded for that horizon; one at exactly a horizon by the tube to it. A
     disturbance that works against reaching is counted as one that helps, which is outside too.
@@ -90,7 +91,7 @@ def outer_set(
     if report.kind in KEPT:
         if region is None:
             raise SimulationError("an outer set of a kernel without its region")
-        found = kept_outside(value, known, region, counts, sample_time, inputs, refine, progress)
+        found = kept_outside(value, known, region, counts, sample_time, inputs, halvings, progress)
     else:
         start = target if report.kind == "capture-basin" else region
         within = region if report.kind == "capture-basin" else None

@@ -225,7 +225,7 @@ def _certificate(
         }
     if asked.errors is not None:
         arguments["errors"] = {n: number("errors", e, states, n) for n, e in asked.errors.items()}
-    counts = {n: getattr(asked, n) for n in ("cells", "inputs", "refine")}
+    counts = {n: getattr(asked, n) for n in ("cells", "inputs", "halvings")}
     return arguments | {n: count for n, count in counts.items() if count is not None}
 
 

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import ConfigDict, Field
 
-from holdfast.scenario.schema.values import Expression, Interval, Name, Plane, Section, Text, Value
+from holdfast.scenario.schema.values import (
+    Expression,
+    Interval,
+    Name,
+    Plane,
+    Renamed,
+    Section,
+    Text,
+    Value,
+)
 
 Kind = Literal[
     "viability-kernel",
@@ -87,6 +96,8 @@ class CertificateSpec(Section):
     Times with units of time, `uncertain` in the units of the parameters, `errors` of the states.
     """
 
+    renamed: ClassVar[Renamed] = {"refine": ("halvings", {})}
+
     sample_time: Value | None = None
     cells: int | dict[Name, int] | None = None
     inputs: int | dict[Name, int] | None = None
@@ -94,7 +105,7 @@ class CertificateSpec(Section):
     uncertain: dict[Name, Interval] | None = None
     errors: dict[Name, Value] | None = None
     delay: Value | None = None
-    refine: Annotated[int, Field(ge=0)] | None = None
+    halvings: Annotated[int, Field(ge=0)] | None = None
 
 
 class SetFiguresSpec(Section):
