@@ -159,9 +159,8 @@ def reached(
     Those of the target are 0 sampling periods away from it; a cell from which an input leads to
     cells of up to n periods, in the region on the way, is n + 1 away. holds: how many periods at
     most; None is as many as there are. halvings: how often cells are halved that are left near
-    those that are found. among: which cells are tried; None is all of the region. The result's `holds` is
-    the largest number, its entries' levels are the numbers
-    of each.
+    those that are found. among: which cells are tried; None is all of the region. The result's
+    `holds` is the largest number, its entries' levels are the numbers of each.
     """
 
     def settle(found: Images, cells: Cells, ranks: Ranks) -> tuple[Ranks, Wholes, int]:
