@@ -146,3 +146,26 @@ def test_tests_of_a_room_stand_in_a_folder_of_its_name():
         room = folder.relative_to(TESTS)
         assert (folder / "__init__.py").exists(), f"or two modules of one name would be one: {room}"
         assert ACROSS & set(room.parts) or (SOURCE / room).is_dir(), room
+
+
+REGION_FILTER = """
+import sys
+import holdfast as hf
+
+x, u = hf.symbol("x"), hf.symbol("u")
+line = hf.System(
+    "line", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": u}, input_bounds=hf.Box((-1,), (1,))
+)
+end = hf.Region("end", line.states, (hf.Inequality("wall", x - 1, "m"),))
+assert hf.SafetyFilter(line, end).step([0.0], [1.0]).input == [1.0]
+loaded = [name for name in sys.modules if name.split(".")[0] == "holdfast"]
+assert len(loaded) <= 90, len(loaded)
+other = {"xarray", "pandas", "scipy", "matplotlib"} & set(sys.modules)
+of_kernels = [name for name in loaded if "reachability" in name or "level_set" in name]
+assert not other and not of_kernels, (other, of_kernels)
+"""
+
+
+def test_a_filter_on_a_region_loads_nothing_of_kernels():
+    ended = subprocess.run([sys.executable, "-c", REGION_FILTER], capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr

@@ -12,23 +12,16 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.decomposition.parts_law import only_part, parts_law
-from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.online.controller import Measurements
 from holdfast.analysis.online.decision import Decision, Status
-from holdfast.analysis.reachability.problem import definition
-from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.analysis.safety.safety_filter import kept_law
 from holdfast.errors import (
-    ArgumentError,
     DefinitionError,
     ModelWarning,
-    PromiseFellShortWarning,
     SimulationError,
     suggestion,
 )
@@ -53,7 +46,12 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
 
-Keep = ValueFunction | PartsValue | Region
+if TYPE_CHECKING:
+    from holdfast.analysis.decomposition.parts_value import PartsValue
+    from holdfast.analysis.online.kernel_filter import KeptKernel
+    from holdfast.analysis.reachability.value_function import ValueFunction
+
+    Keep = ValueFunction | PartsValue | Region
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ class Made:
     system: System
     law: Law
     first: Keep
-    kernel: ValueFunction | PartsValue | None
+    kernel: KeptKernel | None
     region: Region | None
     asked: Callable[[], list[Asked]]
     ahead: Prediction | None = None
@@ -86,24 +84,22 @@ class Made:
     @property
     def parts(self) -> PartsValue | None:
         """The kernel, if it is put together from parts."""
-        return self.kernel if isinstance(self.kernel, PartsValue) else None
+        return self.kernel.parts if self.kernel else None
 
     @property
     def predicted(self) -> bool:
         """Whether its actuators are predicted, and kept in a share of their range."""
-        return self.parts is not None and self.parts.decomposition.prediction is not None
+        return self.kernel is not None and self.kernel.predicted
 
     @property
     def table(self) -> ValueFunction | None:
         """The value function of the kernel, or of its part, that the law looks up."""
-        return only_part(self.kernel).value if isinstance(self.kernel, PartsValue) else self.kernel
+        return self.kernel.table if self.kernel else None
 
     @property
     def lasts(self) -> float:
         """How long the promise of the kernel lasts [s]."""
-        if self.table is None or self.table.report.converged:
-            return math.inf
-        return self.table.report.reached_s
+        return self.kernel.lasts if self.kernel else math.inf
 
     def values(self, states: Array, looked_up: Array) -> Array:
         """The value at states (count, states): V, or -max_j c_j of a region.
@@ -112,11 +108,9 @@ class Made:
         """
         if isinstance(self.first, Region):
             return -self._levels.values(states).max(axis=1)
-        if isinstance(self.first, ValueFunction):
-            return looked_up
-        if self.law.lookup is not None and self.law.lookup.timed:
-            return self.first.within(states, looked_up)
-        return self.first.at(states)
+        assert self.kernel is not None  # what is kept first is a kernel, the only one or the first
+        timed = self.law.lookup is not None and self.law.lookup.timed
+        return self.kernel.values(states, looked_up, timed)
 
     @cached_property
     def _levels(self) -> Evaluator:
@@ -125,18 +119,6 @@ class Made:
         return Evaluator(
             [c.expression for c in self.first.inequalities], states, self.first.parameters
         )
-
-    def places(self, states: Array) -> dict[str, Array]:
-        """Where states (count, states) are looked up, along each axis by its name in a sentence."""
-        names = self.system.state_names
-        if self.parts is None:
-            return dict(zip(names, states.T, strict=True))
-        solved = only_part(self.parts)
-        shown = [
-            f"predicted {n}" if n in names and str(e) != n else n
-            for n, e in solved.part.coordinates.items()
-        ]
-        return dict(zip(shown, solved.coordinates(states).T, strict=True))
 
 
 def filter_of(
@@ -162,16 +144,7 @@ def filter_of(
     predicts: whether it may predict the state over a delay.
     """
     kept: list[Any] = list(keep) if isinstance(keep, list | tuple) else [keep]
-    for part in kept:
-        if not isinstance(part, ValueFunction | PartsValue | Region):
-            raise ArgumentError(
-                f"SafetyFilter: keep is {part!r:.60}".rstrip(),
-                expected="a Region, a kernel (ValueFunction, PartsValue), or several in order",
-            )
-    kernels = [part for part in kept if not isinstance(part, Region)]
-    for part in kernels:
-        if isinstance(part, PartsValue):
-            _check_parts(system, part, len(kept))
+    kernels = [_kernel(system, part, len(kept)) for part in kept if not isinstance(part, Region)]
     _check_options(
         bool(kernels), len(kernels) < len(kept), rate=rate, margin=margin, delay=delay, ahead=ahead,
         gains=gains, margins=margins, constraints=constraints, measured=measured,
@@ -192,25 +165,15 @@ def filter_of(
 
     memories: list[Prediction] = []
 
+    waiting = iter(kernels)
+
     def kept_in(part: Keep) -> Law:
         if not isinstance(part, Region):
-            options: dict[str, Any] = {
-                "rate": rate, "margin": margin, "sample_time": sample_time, "delay": delay,
-                "scales": scales, "ahead": ahead,
-            }  # fmt: skip
-            if isinstance(part, PartsValue):
-                return parts_law(part, command, **options)
-            made = kept_law(system, part, command, predicts=predicts, **options)
-            memories.extend([made.predicted] if made.predicted else [])
-            if not made.stays:
-                warnings.warn(
-                    f"inputs that are held for {sample_time:g} s lose trial runs from everywhere "
-                    "that they should keep in the kernel; take a shorter sample time, a finer "
-                    "grid, or give a margin",
-                    PromiseFellShortWarning,
-                    stacklevel=6,
-                )
-            law: Law = made.law
+            law, predicted = next(waiting).law(
+                system, command, predicts=predicts, rate=rate, margin=margin,
+                sample_time=sample_time, delay=delay, scales=scales, ahead=ahead,
+            )  # fmt: skip
+            memories.extend([predicted] if predicted else [])
             return law
         inside = {n: v for n, v in (margins or {}).items() if n in part.inequality_names}
         return safeguard(
@@ -250,6 +213,13 @@ def filter_of(
     )
 
 
+def _kernel(system: System, part: Any, count: int) -> KeptKernel:
+    """What is kept and is no region; what has to do with kernels is loaded for it alone."""
+    from holdfast.analysis.online.kernel_filter import kept_kernel
+
+    return kept_kernel(system, part, count)
+
+
 def fallback_of(system: System, given: Sequence[float] | None) -> tuple[Array, Array]:
     """The input, within its bounds, that is applied where nothing is known; its actuators."""
     names = system.input_names
@@ -263,41 +233,6 @@ def fallback_of(system: System, given: Sequence[float] | None) -> tuple[Array, A
     limited = [sp.sympify(e).xreplace(values) for e in system.limited(asked)]
     made = [sp.sympify(e).xreplace(values) for e in system.produced(limited)]
     return np.array(made, dtype=np.float64), np.array(limited, dtype=np.float64)
-
-
-def _check_parts(system: System, value: PartsValue, kept: int) -> None:
-    """Refuse a kernel that is put together for another system, and one beside regions."""
-    own = value.decomposition.system
-    same = own.state_names == system.state_names and definition(own) == definition(system)
-    numbers = [{q.name: float(q.value) for q in s.parameters} for s in (own, system)]
-    if not (same and numbers[0] == numbers[1]):
-        raise SimulationError(
-            f"the kernel of parts belongs to another system '{own.name}'",
-            expected=f"system '{system.name}' with the same rates, bounds and parameters",
-        )
-    if kept > 1:
-        raise DefinitionError(
-            "a kernel that is put together from parts is kept beside something else",
-            expected="it alone",
-            remedy="put the inequalities into the region that is taken apart",
-        )
-
-
-def check_around_parts(
-    made: Made, states: Sequence[str] | None, rates: Mapping[str, float] | None
-) -> None:
-    """Refuse what takes from the parts of a kernel what their promise rests on."""
-    if made.parts is None:
-        return
-    if states is not None:
-        raise DefinitionError("parts promise nothing where not all states are measured")
-    slow = [n for n in rates or {} if n in made.system.input_names]
-    if slow and made.predicted:
-        raise DefinitionError(
-            f"the rate of '{slow[0]}' is limited, by which actuators would leave their share",
-            expected="predicted actuators that follow their commands with a lag alone",
-            remedy="leave out the rates of inputs",
-        )
 
 
 def _check_options(kernel: bool, region: bool, **given: Any) -> None:
@@ -613,7 +548,7 @@ class Reasons:
         if self.made.kernel is not None and self.constraints is None:
             fine = np.isfinite(states).all(axis=1)
             values = np.full(len(times), math.nan)
-            values[fine] = self.made.kernel.at(states[fine])
+            values[fine] = self.made.kernel.value.at(states[fine])
             outside = np.flatnonzero(~(values > 0))
             return (float(times[outside[0]]) if len(outside) else math.nan), -1
         return left, by
@@ -637,8 +572,9 @@ class Reasons:
         return np.array([felt.get(name, 0.0) for name in self.system.disturbance_names])
 
     def _outside(self, decision: Decision) -> str:
-        made, table = self.made, self.made.table
-        assert table is not None
+        made, kernel = self.made, self.made.kernel
+        assert kernel is not None
+        table = kernel.table
         if not self.whole:
             return "the estimated state is outside the grid: nothing is promised"
         states = decision.seen[np.newaxis, : len(self.system.states)]
@@ -648,7 +584,9 @@ class Reasons:
         beyond = [
             f"{name} = {value:.4g} is outside {a.low:.4g} to {a.high:.4g}"
             for a, (name, (value,)) in zip(
-                table.grid.axes, made.places(states).items(), strict=True
+                table.grid.axes,
+                kernel.places(made.system.state_names, states).items(),
+                strict=True,
             )
             if a.ends != "periodic" and not a.low <= value <= a.high
         ]

@@ -1,7 +1,5 @@
 """A safety filter around any controller: the least change of its command that stays inside.
 
-It says of the kernel that it keeps if its promise was not tried, or fell short.
-
 What a region's filter misses between samples is how far hostile commands drive a constraint out.
 
 A condition is met at a sample, with an input that is held until the next, T later, and gains that T
@@ -21,42 +19,32 @@ random corners.
 from __future__ import annotations
 
 import math
-import warnings
-import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from holdfast.analysis.decomposition.parts_law import default_parts_promise
-from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.online.controller import Given, Measurements, time_of
 from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.analysis.online.filter_law import (
-    Keep,
     Made,
     Reasons,
-    check_around_parts,
     fallback_of,
     filter_of,
     warn_of_reduction,
 )
-from holdfast.analysis.reachability.value_function import Tried, ValueFunction
-from holdfast.analysis.safety.validation import FELL_SHORT, UNCONFIRMED, default_promise
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.arguments import checked
 from holdfast.errors import (
     DefinitionError,
-    PromiseFellShortWarning,
-    PromiseNotTriedWarning,
     SimulationError,
     suggestion,
 )
 from holdfast.execution.arrays import Array
-from holdfast.execution.codegen.c_source import export_c, export_c_header
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.leaf import Evaluator
@@ -69,6 +57,9 @@ from holdfast.maths.definitions.quantity import TIME, Quantity, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import exact
+
+if TYPE_CHECKING:
+    from holdfast.analysis.online.filter_law import Keep
 
 DRAWN = 20
 """States that are drawn for each run, of which those serve at which the promise begins."""
@@ -304,60 +295,6 @@ def _ends_of(state: Quantity, box: Mapping[str, tuple[float, float]]) -> tuple[f
     return low, high
 
 
-Kernel = ValueFunction | PartsValue
-
-REMEDY = "kernel = kernel.tried(hf.check_promise(system, kernel, region))"
-
-_warned: set[int] = set()
-
-
-def warn_of_promise(system: System, kernel: Kernel, sample_time: float, stacklevel: int) -> None:
-    """Warn once of a kernel whose promise was not tried, or fell short.
-
-    A kernel that was computed here is tried now, with the trial by default at the filter's
-    `sample_time` [s], and remembers what it came to; one from a file has been tried or not.
-    `PromiseNotTriedWarning`, `PromiseFellShortWarning`.
-    """
-    first = kernel.values[0] if isinstance(kernel, PartsValue) else kernel
-    trouble = _tried(system, kernel, sample_time) if first.report.promise_outcome is None else ""
-    report, key = first.report, id(first.dataset)
-    if report.promise_outcome not in (None, FELL_SHORT, UNCONFIRMED) or key in _warned:
-        return
-    _warned.add(key)
-    weakref.finalize(first.dataset, _warned.discard, key)
-    what = f"the {report.kind} of '{report.region}'"
-    if report.promise_outcome is None:
-        warnings.warn(
-            f"the promise of {what} was not tried{trouble}: nothing but its march says that it "
-            f"can be kept; {REMEDY} tries it in closed loop, and a file that is saved then "
-            "remembers it",
-            PromiseNotTriedWarning,
-            stacklevel=stacklevel + 1,
-        )
-    else:
-        warnings.warn(
-            f"of {what}, which the filter keeps, {report.promise_conclusion}; take a finer grid or "
-            "a shorter sample time",
-            PromiseFellShortWarning,
-            stacklevel=stacklevel + 1,
-        )
-
-
-def _tried(system: System, kernel: Kernel, sample_time: float) -> str:
-    """Try a kernel that was computed here, and note what it came to; why it cannot be tried."""
-    try:
-        if isinstance(kernel, PartsValue):
-            promise: Tried | None = default_parts_promise(kernel)
-        else:
-            promise = default_promise(system, kernel, sample_time=sample_time)
-    except SimulationError as error:
-        return f" ({error})"
-    if promise is not None:
-        for value in kernel.values if isinstance(kernel, PartsValue) else (kernel,):
-            value.dataset.attrs.update(value.tried(promise).dataset.attrs)
-    return ""
-
-
 class SafetyFilter:
     """The least change of a command that keeps the state in a set, sample by sample.
 
@@ -430,7 +367,8 @@ class SafetyFilter:
             measured=measured, worst=worst, uncertain=uncertain, scales=scales,
             predicts=states is None,
         )  # fmt: skip
-        check_around_parts(made, states, rates)
+        if made.kernel is not None:
+            made.kernel.check_around(system, states, rates)
         self.delay = float(delay)
         law = made.whole_law
         if rates is not None:
@@ -469,7 +407,7 @@ class SafetyFilter:
         self._margins, self._uncertain = dict(margins or {}), tuple(uncertain or ())
         warn_of_reduction(system, around)
         if made.kernel is not None:
-            warn_of_promise(system, made.kernel, self.sample_time, stacklevel=3)
+            made.kernel.warn_of_promise(system, self.sample_time, stacklevel=3)
 
     @property
     def measured_states(self) -> tuple[str, ...]:
@@ -609,10 +547,14 @@ class SafetyFilter:
 
         See `holdfast.export_c`; `export_c_header` gives the header.
         """
+        from holdfast.execution.codegen.c_source import export_c
+
         return export_c(self.system, self.law, name, table=table)
 
     def export_c_header(self, name: str = "safety_filter", *, table: str = "text") -> str:
         """The header of `export_c`."""
+        from holdfast.execution.codegen.c_source import export_c_header
+
         return export_c_header(self.system, self.law, name, table=table)
 
     # -- what its sample time leaves ---------------------------------------------------------

@@ -1,8 +1,10 @@
-"""The command of another controller, as a law."""
+"""The command of another controller, as a law; what a law takes disturbances for."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+
+import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
@@ -33,3 +35,17 @@ def commanded(system: System, outputs: Sequence[str] | None = None) -> Law:
         "command of another controller", (), {n: h.symbol for n, h in handed.items()},
         handed=tuple(handed.values()),
     )  # fmt: skip
+
+
+def believed_disturbances(system: System, law: Law) -> dict[sp.Symbol, sp.Expr]:
+    """The value that the law uses for each disturbance: measured or believed, else zero."""
+    for name in law.believed:
+        if name not in system.disturbance_names:
+            raise DefinitionError(
+                f"law '{law.name}' has a value for '{name}', which is not a disturbance",
+                remedy=suggestion(name, system.disturbance_names),
+            )
+    read = {q.name: q.symbol for q in law.reads}
+    return {
+        d.symbol: law.believed.get(d.name, read.get(d.name, sp.S.Zero)) for d in system.disturbances
+    }

@@ -9,6 +9,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
+from holdfast.maths.control.command import believed_disturbances
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.definitions.switching import Switching
@@ -116,20 +117,6 @@ def track_velocity(
         description=law.description,
         source="; ".join(filter(None, (law.source, "thesis (5.21), (5.22)"))),
     )
-
-
-def believed_disturbances(system: System, law: Law) -> dict[sp.Symbol, sp.Expr]:
-    """The value that the law uses for each disturbance: measured or believed, else zero."""
-    for name in law.believed:
-        if name not in system.disturbance_names:
-            raise DefinitionError(
-                f"law '{law.name}' has a value for '{name}', which is not a disturbance",
-                remedy=suggestion(name, system.disturbance_names),
-            )
-    read = {q.name: q.symbol for q in law.reads}
-    return {
-        d.symbol: law.believed.get(d.name, read.get(d.name, sp.S.Zero)) for d in system.disturbances
-    }
 
 
 def _believed_rates(system: System, law: Law) -> dict[str, sp.Expr]:
