@@ -1,13 +1,17 @@
 """A scenario file and Python say the same thing by the same word."""
 
+import dataclasses
 import inspect
+from typing import ForwardRef
 
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.reachability.problem import Marching
+from holdfast.analysis.reachability.problem import Marching, MarchOptions
+from holdfast.analysis.reachability.solve import PosedOptions, solve
+from holdfast.analysis.safety.safety_filter import kept_law
 from holdfast.errors import ArgumentError, RenamedWarning, ScenarioError
-from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.simulation.settings import Settings, SettingsOptions
 from holdfast.maths.definitions.region import Circle, Cone, Footprint, Segment
 from holdfast.scenario.load import load_scenario
 from holdfast.scenario.schema import closed_loop as schema
@@ -281,3 +285,18 @@ def test_a_former_argument_is_understood_for_a_release():
     assert former.kept.depth == hf.certify(line, region, halvings=1, **asked).kept.depth == 1
     with pytest.raises(ArgumentError, match="both 'halvings' and its former name 'refine'"):
         hf.certify(line, region, refine=1, halvings=1, **asked)
+
+
+def test_options_are_typed():
+    """What a type checker knows of `**options` are the fields of the dataclasses that take them."""
+    for options, of, without in (
+        (MarchOptions, Marching, ()), (SettingsOptions, Settings, ("horizon",)),
+    ):  # fmt: skip
+        assert dict(options.__annotations__) == {
+            f.name: ForwardRef(f.type, module=f"{options.__module__}", is_class=True)
+            for f in dataclasses.fields(of) if f.name not in without
+        }  # fmt: skip
+    taken = inspect.signature(kept_law).parameters
+    assert set(FilterOptions.__annotations__) <= set(taken)
+    asked = set(inspect.signature(solve).parameters) - {"arrival_steps"}
+    assert set(PosedOptions.__annotations__) - set(MarchOptions.__annotations__) <= asked

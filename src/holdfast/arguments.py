@@ -125,6 +125,7 @@ def _hints(function: Callable[..., Any], signature: inspect.Signature) -> dict[s
     for name, parameter in signature.parameters.items():
         hint = known.get(name, Any)
         if parameter.kind is parameter.VAR_KEYWORD:
+            hint = Any if typing.get_origin(hint) is typing.Unpack else hint
             hint = Mapping[str, hint]  # type: ignore[valid-type]
         elif parameter.kind is parameter.VAR_POSITIONAL:
             hint = Sequence[hint]  # type: ignore[valid-type]

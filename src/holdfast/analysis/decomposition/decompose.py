@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import sympy as sp
@@ -51,7 +51,7 @@ def solve_parts(
     *,
     ends: Mapping[str, str] | None = None,
     progress: Progress | None = None,
-    **options: Any,
+    **options: Unpack[solve.PosedOptions],
 ) -> PartsValue:
     """The value of a problem from those of its parts, each on a grid of its own.
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import sympy as sp
@@ -154,13 +154,23 @@ def _constants(value: PartsValue) -> list[float]:
     return [float(lag.constant.xreplace(numbers)) for lag in lags(system)]
 
 
+class FilterOptions(TypedDict, total=False):
+    """Those of `safety_law`, but what follows from the parts."""
+
+    rate: float | None
+    margin: float | None
+    sample_time: float
+    delay: float
+    ahead: bool | float
+
+
 @checked
 def parts_law(
     value: PartsValue,
     law: Law | None = None,
     *,
     scales: Mapping[str, float] | None = None,
-    **options: Any,
+    **options: Unpack[FilterOptions],
 ) -> Law:
     """The law that keeps the whole system in the set: optimal inputs, or a safety filter of `law`.
 
@@ -182,8 +192,9 @@ def parts_law(
     asked = None
     if law is not None or "sample_time" in options:
         check_held(value, options)
+    inner: dict[str, Any] = dict(options)
     if law is None:
-        options = {**options, "ahead": False}
+        inner["ahead"] = False
     else:
         check_fit(system, law)
         if law.lookup is not None:
@@ -194,12 +205,12 @@ def parts_law(
         patience = patience_of(options.get("ahead", True))
         game = (part, solved.value, hold, errors)
         if solved.value.report.converged and sampled_value(*game, patience=patience):
-            options = {**options, "errors": errors}
+            inner["errors"] = errors
         else:
-            options = held_margin(value, solved, options)
+            inner = held_margin(value, solved, options)
     every = input_scales(system, scales or {})
     inside = {n: s for n, s in (scales or {}).items() if n in of_part.input_names}
-    made: Law = kept_law(of_part, solved.value, asked, scales=inside, predicts=False, **options).law
+    made: Law = kept_law(of_part, solved.value, asked, scales=inside, predicts=False, **inner).law
     there = {q.symbol: solved.part.coordinates[q.name] for q in of_part.states}
     gain, command = _command(value, solved)
     assert made.lookup is not None

@@ -18,14 +18,14 @@ import time
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
 from holdfast.analysis.reachability.grid import Axis, Grid, whole
 from holdfast.analysis.reachability.march_part import MarchPart, layers_of
 from holdfast.analysis.reachability.posed_march import finer
-from holdfast.analysis.reachability.problem import Marching, Posed, marching_of
+from holdfast.analysis.reachability.problem import Marching, MarchOptions, Posed, marching_of
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, SlowWarning
 from holdfast.execution.level_set.schemes import schemes
@@ -49,7 +49,7 @@ def march_memory(
     opposed: bool = False,
     times: int = 0,
     least_times: bool | None = None,
-    **options: Any,
+    **options: Unpack[MarchOptions],
 ) -> int:
     """The bytes of the arrays of a march over `grid` at its peak.
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -190,6 +190,30 @@ class Marching:
     def checkpoint_file(self, kind: str) -> Path:
         path = Path(self.checkpoint or ".")
         return path / f"{kind}.checkpoint" if path.is_dir() else path
+
+
+class MarchOptions(TypedDict, total=False):
+    """The fields of `Marching`, as options of a function."""
+
+    scheme: str
+    order: int | None
+    dissipation: str
+    cfl: float
+    precision: str
+    band: float
+    tolerance: float
+    skip: bool
+    threads: int | None
+    symmetry: Mapping[str, int] | None
+    checkpoint: str | Path | None
+    checkpoint_every: float
+    refine: int
+    samples: int | None
+    estimate_error: bool | str
+    check_outside: bool
+    device: str
+    on_disk: str | Path | None
+    cluster: Any
 
 
 def marching_of(options: Mapping[str, Any]) -> Marching:

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,7 @@ from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.one_march import Progress, Until, marched, marched_to_rest
 from holdfast.analysis.reachability.posed_march import check_refined
 from holdfast.analysis.reachability.problem import (
+    MarchOptions,
     Posed,
     Problem,
     check_counts,
@@ -193,6 +194,23 @@ def with_outside(
     )
 
 
+class PosedOptions(MarchOptions, total=False):
+    """What every problem takes; see `Marching`, and `solve`."""
+
+    disturbance: Mapping[str, float | sp.Expr] | None
+    parameters: Mapping[str, float] | None
+    times: Sequence[float] | None
+    start_time: float
+    begin: ValueFunction | None
+    until: Until | None
+
+
+class SolveOptions(PosedOptions, total=False):
+    """With what is told of the march."""
+
+    progress: Progress | None
+
+
 def solve(
     system: System,
     problem: Problem,
@@ -207,7 +225,7 @@ def solve(
     progress: Progress | None = None,
     begin: ValueFunction | None = None,
     until: Until | None = None,
-    **options: Any,
+    **options: Unpack[MarchOptions],
 ) -> ValueFunction:
     """March `problem` over `grid` for `horizon` seconds, or until it has converged.
 
@@ -342,7 +360,7 @@ def set_on_grid(
 
 @checked
 def viability_kernel(
-    system: System, region: Region, grid: Grid, horizon: float, **options: Any
+    system: System, region: Region, grid: Grid, horizon: float, **options: Unpack[SolveOptions]
 ) -> ValueFunction:
     """The states from which some input keeps the system in `region` for `horizon` seconds.
 
@@ -370,7 +388,7 @@ def _undecided(system: System, options: Mapping[str, Any]) -> bool:
 
 @checked
 def discriminating_kernel(
-    system: System, region: Region, grid: Grid, horizon: float, **options: Any
+    system: System, region: Region, grid: Grid, horizon: float, **options: Unpack[SolveOptions]
 ) -> ValueFunction:
     """The states from which some input keeps the system in `region` whatever the disturbance does.
 
@@ -384,7 +402,7 @@ def discriminating_kernel(
 
 @checked
 def invariance_kernel(
-    system: System, region: Region, grid: Grid, horizon: float, **options: Any
+    system: System, region: Region, grid: Grid, horizon: float, **options: Unpack[SolveOptions]
 ) -> ValueFunction:
     """The states from which every input and every disturbance keeps the system in `region`.
 
@@ -402,7 +420,7 @@ def backward_reachable_tube(
     horizon: float,
     *,
     disturbances: str = "min",
-    **options: Any,
+    **options: Unpack[SolveOptions],
 ) -> ValueFunction:
     """The states from which some input brings the system to `target` within `horizon` seconds.
 
@@ -421,7 +439,7 @@ def backward_reachable_at(
     horizon: float,
     *,
     disturbances: str = "min",
-    **options: Any,
+    **options: Unpack[SolveOptions],
 ) -> ValueFunction:
     """The states from which some input has the system in `target` after exactly `horizon` seconds.
 
@@ -456,7 +474,7 @@ def forward_reachable_set(
     horizon: float,
     *,
     disturbances: str = "max",
-    **options: Any,
+    **options: Unpack[SolveOptions],
 ) -> ValueFunction:
     """The states that some input, and some disturbance, can bring the system to from `start`.
 
@@ -480,7 +498,7 @@ def capture_basin(
     horizon: float,
     *,
     arrival_steps: int | None = None,
-    **options: Any,
+    **options: Unpack[SolveOptions],
 ) -> ValueFunction:
     """The states from which some input reaches `goal` within `horizon` s, in `region` until then.
 

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from operator import is_
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import sympy as sp
@@ -28,7 +28,7 @@ from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, cl
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.closed_loop import ClosedLoop, Command, Commander, commander_of
 from holdfast.execution.simulation.outcomes import Outcome, SafeguardAnswer
-from holdfast.execution.simulation.settings import Settings, Trajectories
+from holdfast.execution.simulation.settings import Settings, SettingsOptions, Trajectories
 from holdfast.execution.simulation.steppers import BY_NAME, Tableau
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
@@ -411,7 +411,7 @@ def simulate(
     attributes: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
     command: Command | Commander | None = None,
-    **settings: Any,
+    **settings: Unpack[SettingsOptions],
 ) -> Result:
     """Simulate `system` under `law` from every start and return a `Result`.
 

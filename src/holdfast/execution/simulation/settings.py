@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -219,3 +220,23 @@ def blank(program: ClosedLoopProgram, settings: Settings, varied: Array) -> Traj
         beyond=of(1 + program.bounded if program.bounded else 0),
         varied=varied,
     )
+
+
+class SettingsOptions(TypedDict, total=False):
+    """The fields of `Settings` but the horizon, as options of a function."""
+
+    sample_time: float
+    substeps: int
+    record_every: float
+    continuous: bool
+    absolute: float
+    relative: float
+    tolerance: float
+    noise_uniform: Mapping[str, float]
+    noise_normal: Mapping[str, float]
+    switch_limit: int
+    delay: float
+    until_goal: bool
+    seed: int
+    threads: int
+    device: str
