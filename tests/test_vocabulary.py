@@ -7,6 +7,7 @@ from typing import ForwardRef
 import pytest
 
 import holdfast as hf
+from holdfast.analysis.decomposition.parts_law import FilterOptions
 from holdfast.analysis.reachability.problem import Marching, MarchOptions
 from holdfast.analysis.reachability.solve import PosedOptions, solve
 from holdfast.analysis.safety.safety_filter import kept_law

@@ -579,7 +579,7 @@ class SafetyFilter:
         return crossings_of(self._made, self.sample_time, self._margins, self._uncertain)
 
     def __str__(self) -> str:
-        keeps = [self.keep] if isinstance(self.keep, Keep) else self.keep
+        keeps = self.keep if isinstance(self.keep, list | tuple) else [self.keep]
         names = [
             f"'{k.name}'" if isinstance(k, Region) else f"a kernel of {k.names}" for k in keeps
         ]
