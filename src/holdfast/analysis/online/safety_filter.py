@@ -22,7 +22,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -579,7 +579,7 @@ class SafetyFilter:
         return crossings_of(self._made, self.sample_time, self._margins, self._uncertain)
 
     def __str__(self) -> str:
-        keeps = self.keep if isinstance(self.keep, list | tuple) else [self.keep]
+        keeps: list[Any] = [*self.keep] if isinstance(self.keep, list | tuple) else [self.keep]
         names = [
             f"'{k.name}'" if isinstance(k, Region) else f"a kernel of {k.names}" for k in keeps
         ]
