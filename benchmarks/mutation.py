@@ -39,7 +39,8 @@ PARTS = {
     # part: its files below src, and the tests that hold it
     "quadratic program": (
         ["holdfast/execution/simulation/quadratic_program.py"],
-        ["tests/execution/simulation/test_quadratic_program.py"],
+        ["tests/execution/simulation/test_quadratic_program.py",
+         "tests/maths/control/test_priority.py"],
     ),
     "filter": (
         ["holdfast/analysis/online/safety_filter.py", "holdfast/maths/control/safety_filter.py"],

@@ -194,8 +194,8 @@ BOX = ((1, 0, 1), (-1, 0, 1), (0, 1, 1), (0, -1, 1))
 
 
 def test_admissible_input_is_given_back_to_the_last_digit(keep_within):
-    wanted = (0.1 + 0.2, -1.0)
-    assert keep_within(wanted, BOX, 4, scales=(3.0, 0.7)).tolist() == [*wanted, 0.0]
+    for wanted in ((0.1 + 0.2, -1.0), (-0.9, 0.7)):  # -0.9 / 3 * 3 is another number
+        assert keep_within(wanted, BOX, 4, scales=(3.0, 0.3)).tolist() == [*wanted, 0.0]
 
 
 def test_input_moves_to_one_plane_along_the_squares_of_the_scales(keep_within):
