@@ -52,8 +52,8 @@ def checked(of: T) -> T:
     if isinstance(of, type):
         of.__init__ = _checked(of.__init__, of.__name__)  # type: ignore[misc]
         return of
-    owner, _, own = of.__qualname__.rpartition(".")
-    name = owner.rpartition(".")[2] if own == "__init__" else own
+    owner, _, bare = of.__qualname__.rpartition(".")
+    name = owner.rpartition(".")[2] if bare == "__init__" else bare
     return _checked(of, name)  # type: ignore[return-value]
 
 
@@ -94,19 +94,19 @@ def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
                 raise ArgumentError(shown, expected=expected)
 
     @wraps(function)
-    def call(*given: Any, **named: Any) -> Any:
+    def call(*positional: Any, **named: Any) -> Any:
         if not hints:  # resolved late: an annotation may name something defined further down
             hints.update(_hints(function, signature))
             before.update({n: _check(h) for n, h in hints.items() if _takes_expressions(h)})
             after.update({n: _check(h) for n, h in hints.items() if _is_number(h)})
         try:
-            arguments = signature.bind(*given, **named).arguments
+            arguments = signature.bind(*positional, **named).arguments
         except TypeError as error:
             allowed = ", ".join(n for n in signature.parameters if n != "self")
             raise ArgumentError(f"{name}: {error}", expected=f"({allowed})") from None
         refuse(before, arguments)
         try:
-            answer = function(*given, **named)
+            answer = function(*positional, **named)
         except FAILURES:
             refuse({n: _check(hint) for n, hint in hints.items()}, arguments)
             raise
@@ -119,18 +119,18 @@ def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
 def _hints(function: Callable[..., Any], signature: inspect.Signature) -> dict[str, Any]:
     """The annotated type of every argument; *args are a list, **kwargs a table."""
     names = _Unknown(inspect.unwrap(function).__globals__)
-    known = typing.get_type_hints(function, localns=names)
-    known |= {n: ARRAY for n, raw in function.__annotations__.items() if raw == "npt.ArrayLike"}
-    found: dict[str, Any] = {"return": Any}
+    annotated = typing.get_type_hints(function, localns=names)
+    annotated |= {n: ARRAY for n, raw in function.__annotations__.items() if raw == "npt.ArrayLike"}
+    hints: dict[str, Any] = {"return": Any}
     for name, parameter in signature.parameters.items():
-        hint = known.get(name, Any)
+        hint = annotated.get(name, Any)
         if parameter.kind is parameter.VAR_KEYWORD:
             hint = Any if typing.get_origin(hint) is typing.Unpack else hint
             hint = Mapping[str, hint]  # type: ignore[valid-type]
         elif parameter.kind is parameter.VAR_POSITIONAL:
             hint = Sequence[hint]  # type: ignore[valid-type]
-        found[name] = hint
-    return found
+        hints[name] = hint
+    return hints
 
 
 def _is_number(hint: Any) -> bool:
@@ -196,8 +196,8 @@ def _kind(kind: Any) -> Check:
         return _expression
     if kind is Path:
         return lambda value: None if isinstance(value, str | PathLike) else "a path"
-    known = isinstance(kind, type) and kind not in (object, Any)
-    if known and getattr(kind, "_is_runtime_protocol", not getattr(kind, "_is_protocol", False)):
+    is_class = isinstance(kind, type) and kind not in (object, Any)
+    if is_class and getattr(kind, "_is_runtime_protocol", not getattr(kind, "_is_protocol", False)):
         article = "text" if kind is str else f"a {kind.__name__}"
         return lambda value: None if isinstance(value, kind) else article
     return _anything
@@ -210,12 +210,12 @@ def _anything(value: Any) -> Fault:
 def _as_float(value: Any) -> float:
     """The value as a float; NaN if it is not a real number or is out of range."""
     if isinstance(value, sp.Expr):
-        known = value.is_number and value.is_extended_real
+        is_real = value.is_number and value.is_extended_real
     else:
-        known = isinstance(value, Real) and not isinstance(value, bool)
-        known = known or (getattr(value, "shape", None) == () and value.dtype.kind in "fiu")
+        is_real = isinstance(value, Real) and not isinstance(value, bool)
+        is_real = is_real or (getattr(value, "shape", None) == () and value.dtype.kind in "fiu")
     try:
-        return float(value) if known else math.nan
+        return float(value) if is_real else math.nan
     except OverflowError:
         return math.nan
 

@@ -78,9 +78,9 @@ class CacheWarning(UserWarning):
     what an earlier run has left, because it is of another problem."""
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
+def suggestion(name: str, allowed: Iterable[str]) -> str:
     """'did you mean ...?' for a misspelt name, or the list of the allowed ones."""
-    choices = sorted(known)
+    choices = sorted(allowed)
     close = difflib.get_close_matches(name, choices, n=1, cutoff=0.6)
     if close:
         return f"did you mean '{close[0]}'?"

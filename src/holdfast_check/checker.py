@@ -111,9 +111,9 @@ class Checker:
         times = 0 <= self.delay < self.hold and 1 <= h["steps"] <= MOST_STEPS
         holds = h["holds"] > 0 if h["holds"] is not None else not self.target
         law = bool(h["law"]["modes"])
-        given = law != bool(h["candidates"]) and (law or h["law"] == NO_LAW)
+        inputs = law != bool(h["candidates"]) and (law or h["law"] == NO_LAW)
         holds = holds and math.isfinite(self.hold * (h["holds"] or 1))
-        if not (times and holds and given):
+        if not (times and holds and inputs):
             raise NotValidError("the hold, the horizon, the constraints or the inputs are none")
         for angle in zip(self.states, self.edges, self.turning, strict=True):
             self._turns(*angle)
@@ -149,12 +149,12 @@ class Checker:
         if (k := self._holds(self.inside, cell)) is not None:
             raise NotValidError(f"{where} is not inside constraint {k}")
         try:
-            known = self.bounds | dict(zip(self.states, seen, strict=True))
-            given = self.law.given(known, choice) if self.law.modes else [(self.tried[choice], 0)]
+            ranges = self.bounds | dict(zip(self.states, seen, strict=True))
+            pairs = self.law.given(ranges, choice) if self.law.modes else [(self.tried[choice], 0)]
         except NotValidError as error:
             raise NotValidError(f"{where}: {error}") from None
         middle = [point((a + b) / 2) for a, b in box]
-        for inputs, mode in given:
+        for inputs, mode in pairs:
             u = dict(zip(self.input_names, inputs, strict=True))
             mids = {name: point(((a + b) / 2).mid()) for name, (a, b) in u.items()}
             hold = sub(point(self.hold), point(self.delay))
@@ -207,8 +207,8 @@ class Checker:
 
         Where time is counted, of a level one closer to its end.
         """
-        known = [self.kept[cell, mode] for cell in cells if (cell, mode) in self.kept]
-        if any(k < level if self.target else k >= level - 1 for k in known):
+        levels = [self.kept[cell, mode] for cell in cells if (cell, mode) in self.kept]
+        if any(k < level if self.target else k >= level - 1 for k in levels):
             return True
         # level 0: in the region, and in the target where there is one
         return (level == 1 or bool(self.target)) and self.ends(cells[0])
@@ -219,11 +219,11 @@ class Checker:
         each = zip(end, self.edges, self.turning, self.still, strict=True)
         for q, axis, turns, still in each:  # a state that is still does not leave the grid
             low, high = down(q), up(q)
-            known = math.isfinite(low) and math.isfinite(high)
+            finite = math.isfinite(low) and math.isfinite(high)
             if turns:
-                known &= max(-low, high) < MOST_TURNED and high - low < axis[-1] - axis[0]
+                finite &= max(-low, high) < MOST_TURNED and high - low < axis[-1] - axis[0]
             beyond = not (turns or still) and (low < axis[0] or high > axis[-1])
-            around = math.floor((low - axis[0]) / math.tau) if turns and known else 0
+            around = math.floor((low - axis[0]) / math.tau) if turns and finite else 0
             places = set()
             for k in (around - 1, around, around + 1) if turns else (0,):
                 turn = (2 * k * arb.pi()).lower(), (2 * k * arb.pi()).upper()
@@ -231,7 +231,7 @@ class Checker:
                 first = max(bisect.bisect_left(axis, down(there)) - 1, 0)
                 last = min(bisect.bisect_right(axis, up(there)), len(axis) - 1)
                 places |= set(range(first, last))
-            if beyond or not (places and known):
+            if beyond or not (places and finite):
                 yield None
                 return
             ranges.append(sorted(places))
@@ -341,12 +341,12 @@ def verdict(said: Values) -> str:
             return what
         return f"{what}, drawn with seed {said['seed']}; this is no proof"
     checked = f"{said['checked']} of {said['entries']} entries hold"
-    found = f"{said['cells_kept']} cells {lasts}: {checked}"
+    text = f"{said['cells_kept']} cells {lasts}: {checked}"
     if said["valid"]:
-        return found
+        return text
     worst = -math.expm1(math.log(LEAST_CHANCE) / said["checked"])
     sure = f"with {100 * (1 - LEAST_CHANCE):g} % confidence at most {100 * worst:.3g} %"
-    return found + f", drawn with seed {said['seed']}: {sure} of them are wrong; this is no proof"
+    return text + f", drawn with seed {said['seed']}: {sure} of them are wrong; this is no proof"
 
 
 def check(path: str, share: float = 1.0, seed: int | None = None) -> str:

@@ -48,8 +48,8 @@ class Limit:
         self.tape = Tape([self.expression])
         self.parts = [Limit(part) for part in self.expression.parts]
 
-    def over(self, known: Known) -> Interval:
-        return self.tape.of(self.tape.values(known))[0]
+    def over(self, ranges: Known) -> Interval:
+        return self.tape.of(self.tape.values(ranges))[0]
 
 
 @dataclass
@@ -85,34 +85,34 @@ class HeldFlow:
         n, last = len(box), len(legs) * self.steps
         one = [[point(int(i == j)) for j in range(n)] for i in range(n)]
         turns = itertools.count(1)
-        for leg, (whole, known, still) in enumerate(legs):
+        for leg, (whole, ranges, still) in enumerate(legs):
             center = [point(((q[0] + q[1]) / 2).mid()) for q in box] if leg else middle
             off = [sub(q, c) for q, c in zip(box, center, strict=True)]
             x = States(box, center, one, [point(0)] * n, off)
             step = mul(whole, inverse(point(self.steps)))
             for turn in itertools.islice(turns, self.steps):
-                way = self._way(x.box, known, step)
+                way = self._way(x.box, ranges, step)
                 if way is None:
                     return None, None
-                before, x = x, self._after(x, way, known, still, step)
-                at = [{**known, **dict(zip(self.states, q, strict=True))}
+                before, x = x, self._after(x, way, ranges, still, step)
+                at = [{**ranges, **dict(zip(self.states, q, strict=True))}
                       for q in (before.box, way, x.box)]  # fmt: skip
-                moving = dict(zip(self.states, self._rates(way, known), strict=True))
+                moving = dict(zip(self.states, self._rates(way, ranges), strict=True))
                 for k, c in enumerate(self.limits):
                     if not _kept(c, at, moving, step, begins=True, ends=turn == last):
                         return x.box, k
             box = x.box
         return box, None
 
-    def _rates(self, x: Row, known: Known) -> Row:
-        return self.rates.of(self.rates.values({**known, **dict(zip(self.states, x, strict=True))}))
+    def _rates(self, x: Row, rest: Known) -> Row:
+        return self.rates.of(self.rates.values({**rest, **dict(zip(self.states, x, strict=True))}))
 
-    def _way(self, x: Row, known: Known, step: Interval) -> Row | None:
+    def _way(self, x: Row, ranges: Known, step: Interval) -> Row | None:
         """A box that contains every state on the way."""
         during = ZERO, step[1]
 
         def moved(at: Row) -> Row:
-            rates = self._rates(at, known)
+            rates = self._rates(at, ranges)
             return [add(q, mul(during, r)) for q, r in zip(x, rates, strict=True)]
 
         way = moved(moved(x))
@@ -123,15 +123,15 @@ class HeldFlow:
                 return way
         return None
 
-    def _after(self, x: States, way: Row, known: Known, still: Known, step: Interval) -> States:
+    def _after(self, x: States, way: Row, ranges: Known, still: Known, step: Interval) -> States:
         n = len(way)
-        values = self.rates.values({**known, **dict(zip(self.states, way, strict=True))})
+        values = self.rates.values({**ranges, **dict(zip(self.states, way, strict=True))})
         rates = self.rates.of(values)
         plain = [add(q, mul(step, r)) for q, r in zip(x.box, rates, strict=True)]
-        free = [name for name, q in known.items() if q[0] < q[1]]
+        free = [name for name, q in ranges.items() if q[0] < q[1]]
         columns = self.rates.slopes(values, [{name: point(1)} for name in (*self.states, *free)])
         a = [[column[i] for column in columns[:n]] for i in range(n)]
-        offs = [sub(known[name], still[name]) for name in free]
+        offs = [sub(ranges[name], still[name]) for name in free]
         w = [dot([column[i] for column in columns[n:]], offs) for i in range(n)]
         half, sixth = mul(power(step, 2), point(0.5)), mul(power(step, 3), inverse(point(6)))
         nominal = self._nominal(x.nominal, way, a, still, step)
@@ -157,15 +157,15 @@ class HeldFlow:
 
     def _nominal(self, at: Row, way: Row, a: list[Row], still: Known, step: Interval) -> Row:
         """The trajectory of the middle after a step, from a box of it."""
-        known, over = ({**still, **dict(zip(self.states, q, strict=True))} for q in (at, way))
+        here, over = ({**still, **dict(zip(self.states, q, strict=True))} for q in (at, way))
         second, third = power(step, 2), power(step, 3)
         if not self.rates.smooth:
-            first, during = (self.rates.of(self.rates.values(k)) for k in (known, over))
+            first, during = (self.rates.of(self.rates.values(k)) for k in (here, over))
             half = mul(second, point(0.5))
             return [total(q, mul(step, r), mul(half, dot(row, during)))
                     for q, r, row in zip(at, first, a, strict=True)]  # fmt: skip
         begun, rest = (
-            self.rates.series(known, self.states, 3),
+            self.rates.series(here, self.states, 3),
             self.rates.series(over, self.states, 4),
         )
         return [total(c[0], mul(step, c[1]), mul(second, c[2]), mul(third, r[3]))

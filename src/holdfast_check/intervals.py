@@ -338,27 +338,27 @@ class Tape:
         name, _, of = self.operations[self.results[0]]
         return name == "number" and of == 0
 
-    def values(self, known: Mapping[str, Interval]) -> Row:
+    def values(self, ranges: Mapping[str, Interval]) -> Row:
         """Of every operation."""
-        found: Row = []
+        row: Row = []
         for name, arguments, of in self.operations:
             if name == "power":
-                found.append(power(found[arguments[0]], of))
+                row.append(power(row[arguments[0]], of))
             elif arguments:
-                found.append(KNOWN[name](*[found[k] for k in arguments]))
+                row.append(KNOWN[name](*[row[k] for k in arguments]))
             else:
-                found.append(known[of] if name == "symbol" else constant(of))
-        return found
+                row.append(ranges[of] if name == "symbol" else constant(of))
+        return row
 
     def of(self, every: Sequence[Any]) -> list[Any]:
         return [every[k] for k in self.results]
 
     def slopes(self, values: Row, along: Sequence[Mapping[str, Interval]]) -> list[list[Any]]:
         """Of the expressions, along numbers that change at these rates; None does not change."""
-        found: list[list[Any]] = [[] for _ in along]
+        columns: list[list[Any]] = [[] for _ in along]
         for (name, arguments, of), value in zip(self.operations, values, strict=True):
             x, by = [values[k] for k in arguments], None
-            for every, rates in zip(found, along, strict=True):
+            for every, rates in zip(columns, along, strict=True):
                 slopes = [every[k] for k in arguments]
                 if not any(slopes):
                     every.append(rates.get(of) if name == "symbol" else None)
@@ -370,26 +370,26 @@ class Tape:
                 else:
                     some = [(b, s) for b, s in zip(by, slopes, strict=False) if s is not None]
                     every.append(dot([b for b, _ in some], [s for _, s in some]))
-        return [self.of(every) for every in found]
+        return [self.of(every) for every in columns]
 
-    def series(self, known: Mapping[str, Interval], moving: Sequence[str], terms: int) -> list[Row]:
+    def series(self, begin: Mapping[str, Interval], moving: Sequence[str], terms: int) -> list[Row]:
         """Coefficients in time of a trajectory with these rates: x_(k+1) = f(x)_k / (k + 1)."""
-        values = self.values(known)
+        values = self.values(begin)
         series: list[list[Any]] = [[v] for v in values]
-        found = {name: [known[name]] for name in moving}
+        states = {name: [begin[name]] for name in moving}
         g = [list(_derivatives(name, of, values[arguments[0]])) if name in SMOOTH else []
              for name, arguments, of in self.operations]  # fmt: skip
         for k in range(1, terms):
-            for row, rate in zip(found.values(), self.of(series), strict=True):
+            for row, rate in zip(states.values(), self.of(series), strict=True):
                 row.append(mul(rate[k - 1] or (ZERO, ZERO), inverse(point(k))))
             if k + 1 == terms:
                 break
-            for (name, arguments, of), own, by in zip(self.operations, series, g, strict=True):
+            for (name, arguments, of), entry, by in zip(self.operations, series, g, strict=True):
                 x = [series[j] for j in arguments]
-                own.append(
-                    found[of][k] if name == "symbol" and of in found else _term(name, x, by, k)
+                entry.append(
+                    states[of][k] if name == "symbol" and of in states else _term(name, x, by, k)
                 )
-        return list(found.values())
+        return list(states.values())
 
     def comes_back(self, angle: str) -> bool:
         """Whether an angle stands as a summand inside sines and cosines alone."""
@@ -445,8 +445,8 @@ class Tape:
         whole, half = divmod(abs(int(twice)), 2)
         parts = [self._new("power", base, of=whole)] if whole else []
         parts += [self._new("sqrt", base)] if half else []
-        found = self._new("*", *parts) if len(parts) > 1 else parts[0]
-        return found if twice > 0 else self._new("inverse", found)
+        index = self._new("*", *parts) if len(parts) > 1 else parts[0]
+        return index if twice > 0 else self._new("inverse", index)
 
     def _new(self, name: str, *arguments: int, of: Any = None) -> int:
         """Numbers of numbers are a number, a product of a thing with itself is its square."""

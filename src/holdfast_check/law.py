@@ -48,11 +48,11 @@ class Option:
         self.when, self.to, self.names = when, to, names
         self.program = inputs if isinstance(inputs, dict) else None
         p, m = self.program, len(names)
-        given, counts = inputs, [len(inputs)]
+        outputs, counts = inputs, [len(inputs)]
         if p is not None:
             rows, wanted, box = p["rows"], p["wanted"] or [], p["box"] or []
             every = (wanted, *rows, p["scales"], *box)
-            given = [e for several in every for e in several]
+            outputs = [e for several in every for e in several]
             counts = [*(len(row) - 1 for row in rows), len(p["scales"]), len(p["limits"])]
             counts += [len(p["wanted"])] if wanted else []
             counts += [len(box)] if p["box"] is not None else []
@@ -62,8 +62,8 @@ class Option:
                 raise NotValidError("the program of a safeguard has fewer conditions than it says")
         if {*counts} != {m}:
             raise NotValidError("an option of the law has not as many inputs as the header")
-        self.given = given
-        self.tape = Tape([*self.when, *given])
+        self.given = outputs
+        self.tape = Tape([*self.when, *outputs])
         self.limits = Tape(p["limits"]) if p else None
         self.zero = [[Tape([e]).is_zero for e in row[:m]] for row in p["rows"]] if p else []
         used = {o[2] for o in self.tape.operations if o[0] == "symbol"}
@@ -71,7 +71,7 @@ class Option:
         self.among = any(not e.names.isdisjoint(self.names) for e in when)
         if p and self.free:
             raise NotValidError("the program of a safeguard uses the inputs that it gives")
-        self.expressions = [*self.when, *given, *(p["limits"] if p else [])]
+        self.expressions = [*self.when, *outputs, *(p["limits"] if p else [])]
 
     @functools.cached_property
     def asks(self) -> Tape:
@@ -124,20 +124,20 @@ class Law:
         """All that may be given where this is measured. Raises `NotValidError` where the law does
         nothing in a part of it."""
         here = self.all_known(at)
-        found: list[Given] = []
+        choices: list[Given] = []
         for option in self.modes[mode]:
             sure = False
             for may, surely, inputs in self._of(option, here):
                 if may:
-                    found.append((inputs, option.to))
+                    choices.append((inputs, option.to))
                 sure |= surely
                 if surely and not option.free:
                     break
             if sure:
-                return found
+                return choices
         if not self.covered(at, mode):
             raise NotValidError("the law does nothing in a part of it")
-        return found
+        return choices
 
     def _of(self, option: Option, here: Known) -> Iterator[safeguard.Given]:
         if option.free:
@@ -158,8 +158,8 @@ class Law:
             left = [sub(dot(n, part), b) for n, b in zip(p.normals, p.offsets, strict=True)]
             met |= all(v[1] < 0 for v in left)
             yield not any(v[0] > 0 for v in left), False, list(part)
-        for given, surely, u in safeguard.choices(p) if not met else ():
-            yield given, sure and surely, self._limited(option, here, u) if given else []
+        for possible, surely, u in safeguard.choices(p) if not met else ():
+            yield possible, sure and surely, self._limited(option, here, u) if possible else []
             if sure and surely:
                 return
         yield False, sure, []  # one of them is what the program gives
@@ -176,8 +176,8 @@ class Law:
 
     def _with(self, option: Option, here: Known, part: Row) -> safeguard.Given:
         """Any input of a part that meets the conditions."""
-        known = {**here, **dict(zip(self.names, part, strict=True))}
-        values = option.tape.of(option.tape.values(known))
+        ranges = {**here, **dict(zip(self.names, part, strict=True))}
+        values = option.tape.of(option.tape.values(ranges))
         when, row = values[: len(option.when)], values[len(option.when) :]
         return not any(v[0] > 0 for v in when), all(v[1] < 0 for v in when), row
 
@@ -234,8 +234,8 @@ class Law:
             if low == high == 0:
                 always.add(atom)
             may = {-sign} if high <= 0 else {sign} if low >= 0 else {-1, 1}
-            known = bool(low <= high)  # of what may be no number no condition holds
-            signs[atom] = signs.get(atom, {-1, 1}) & may if known else set()
+            is_number = bool(low <= high)  # of what may be no number no condition holds
+            signs[atom] = signs.get(atom, {-1, 1}) & may if is_number else set()
         undecided = [atom for atom, may in signs.items() if len(may) > 1]
         if len(undecided) > MOST_OPEN:
             return False
@@ -285,13 +285,13 @@ def _atoms(tape: Tape) -> list[tuple[Any, int]]:
         else:
             terms = {} if name == "*" else {(k,): Fraction(1)}
         every.append(terms)
-    found = []
+    atoms = []
     for k in tape.results:
         several = sorted(every[k].items(), key=repr)
         first = several[0][1] if several else Fraction(1)
         atom = tuple((key, value / first) for key, value in several)
-        found.append((atom, 1 if first > 0 else -1))
-    return found
+        atoms.append((atom, 1 if first > 0 else -1))
+    return atoms
 
 
 def _factor(terms: dict[Product, Fraction]) -> tuple[Product, Fraction]:

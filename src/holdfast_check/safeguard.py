@@ -111,16 +111,16 @@ def _solved(p: Values, rows: Sequence[int]) -> tuple[Row, Row] | None:
         multipliers = [dot(row, slack) for row in _adjugate(gram)]
     if len(rest) == len(left):
         over = inverse(_determinant(matrix))
-        found = [mul(dot(row, beyond), over) for row in _adjugate(matrix)]
+        solved = [mul(dot(row, beyond), over) for row in _adjugate(matrix)]
     elif v is not None:
         over, columns = inverse(whole), ([row[k] for row in matrix] for k in range(len(left)))
-        found = [
+        solved = [
             sub(v[i], mul(dot(column, multipliers), over)) if rest else v[i]
             for i, column in zip(left, columns, strict=True)
         ]
     else:
         return None
-    y |= dict(zip(left, found, strict=True))
+    y |= dict(zip(left, solved, strict=True))
     if v is not None:
         for i, j in deciding.items():
             pulled = dot([a[k][i] for k in rest], multipliers[: len(rest)])
@@ -152,8 +152,8 @@ def _adjugate(m: Sequence[Sequence[Interval | None]]) -> list[Row]:
     n = range(len(m))
 
     def minor(i: int, j: int) -> Interval:
-        found = _determinant([[*row[:j], *row[j + 1 :]] for k, row in enumerate(m) if k != i])
-        return found if (i + j) % 2 == 0 else neg(found)
+        det = _determinant([[*row[:j], *row[j + 1 :]] for k, row in enumerate(m) if k != i])
+        return det if (i + j) % 2 == 0 else neg(det)
 
     return [[minor(j, i) for j in n] for i in n]
 
@@ -167,12 +167,12 @@ def _pushed(p: Values) -> Row:
     if len(p.offsets) != p.hard + 1 or not sides:
         return whole
     a = [mul(n, s) for n, s in zip(p.normals[p.hard], p.scales, strict=True)]
-    norm, found = root(_square(a)), []
+    norm, inputs = root(_square(a)), []
     for (low, high), q, s in zip(p.box, a, p.scales, strict=True):
         most = max(size(mul(end, inverse(s)))[1] for end in (low, high))
         little = mul(mul(add(point(most), point(1)), point(arb(PULL))), norm)[1]
-        found.append(low if q[0] > little else high if -q[1] > little else hull(low, high))
-    return found
+        inputs.append(low if q[0] > little else high if -q[1] > little else hull(low, high))
+    return inputs
 
 
 def _are_sides(p: Values) -> bool:

@@ -30,7 +30,7 @@ def statement(h: Values, entries: Sequence[Any]) -> Values:
     """Plain data, of which `lines` makes text."""
     hold, target = h["hold"], [_limit(c) for c in h["target"]]
     law, holds = h["law"], h["holds"]
-    found = {
+    said = {
         "kind": "flowpipe" if "start" in h else "cells",
         "title": _quoted(h["title"][:LONGEST]),
         "rates": {
@@ -62,10 +62,10 @@ def statement(h: Values, entries: Sequence[Any]) -> Values:
         "digest": _digest(h, entries),
     }  # fmt: skip
     tried = [(min(c), max(c)) for c in zip(*h.get("candidates", ()), strict=True)]
-    under_way = law["under_way"] if law["modes"] and found["late_by"] else tried
+    under_way = law["under_way"] if law["modes"] and said["late_by"] else tried
     for q, (least, most) in zip(h["inputs"], under_way, strict=False):
-        found["inputs"][q["name"]] |= {"least": least, "greatest": most}
-    return found
+        said["inputs"][q["name"]] |= {"least": least, "greatest": most}
+    return said
 
 
 def _options(h: Values) -> list[str]:
@@ -114,16 +114,16 @@ def _axes(h: Values) -> Sequence[Values]:
 
 def lines(said: Values) -> list[str]:
     """The statement as text."""
-    kept, hold = said["cells_kept"], _n(said["held_for"])
+    n, hold = said["cells_kept"], _n(said["held_for"])
     end = (
         "for ever"
         if said["holds"] is None
         else f"for {said['holds']} holds, {_n(said['for_seconds'])} s"
     )
-    what = f"from each of {kept} cells the constraints are kept {end}"
+    what = f"from each of {n} cells the constraints are kept {end}"
     if said["target"]:
         within = f"within {said['holds']} holds, {_n(said['for_seconds'])} s"
-        what = f"from each of {kept} cells the target is reached {within}, and the constraints are "
+        what = f"from each of {n} cells the target is reached {within}, and the constraints are "
         what += "kept until then"
     if said["kind"] == "flowpipe":
         seconds = f"{_n(said['for_seconds'])} s"
@@ -232,9 +232,9 @@ def _n(number: float) -> str:
 
 def _digest(h: Values, entries: Iterable[Any]) -> str:
     """Of all that a file says, but the title and what is not checked."""
-    told = {key: _plain(part) for key, part in h.items() if key not in ("title", "cells_in_region")}
+    rest = {key: _plain(part) for key, part in h.items() if key not in ("title", "cells_in_region")}
     in_order = list(entries) if "start" in h else sorted(entries)
-    return hashlib.sha256(json.dumps([sorted(told.items()), in_order]).encode()).hexdigest()
+    return hashlib.sha256(json.dumps([sorted(rest.items()), in_order]).encode()).hexdigest()
 
 
 def _plain(part: Any) -> Any:

@@ -100,7 +100,7 @@ def _has_direction(below: Array, at_most: Array, ties: Array) -> bool:
             np.hstack([at_most, np.zeros((len(at_most), 1))]),
         ]
     )
-    found = linprog(
+    solution = linprog(
         [*np.zeros(n), -1.0],
         A_ub=rows,
         b_ub=np.zeros(len(rows)),
@@ -108,7 +108,7 @@ def _has_direction(below: Array, at_most: Array, ties: Array) -> bool:
         b_eq=np.zeros(len(ties)) if len(ties) else None,
         bounds=[(-1, 1)] * n + [(None, 1)],
     )
-    return bool(found.status == 0 and -found.fun > SMALL)
+    return bool(solution.status == 0 and -solution.fun > SMALL)
 
 
 def _independent(rows: Array) -> Array:
@@ -213,26 +213,26 @@ class RegulationMap:
             return self._any_input(), -math.inf
         upper = np.hstack([self.normals[:active], -np.ones((active, 1))])
         bounds = np.hstack([self.normals[active:], np.zeros((len(self.offsets) - active, 1))])
-        found = linprog(
+        solution = linprog(
             [*np.zeros(m), 1.0],
             A_ub=np.vstack([upper, bounds]),
             b_ub=self.offsets,
             bounds=[(None, None)] * m + [(-1e6, None)],
         )
-        if found.status != 0:
-            raise SimulationError(f"the linear program was not solved ({found.message})")
-        return np.asarray(found.x[:m]), float(found.x[m])
+        if solution.status != 0:
+            raise SimulationError(f"the linear program was not solved ({solution.message})")
+        return np.asarray(solution.x[:m]), float(solution.x[m])
 
     def _any_input(self) -> Array:
-        found = linprog(
+        solution = linprog(
             np.zeros(len(self.inputs)),
             A_ub=self.normals if len(self.normals) else None,
             b_ub=self.offsets if len(self.offsets) else None,
             bounds=[(None, None)] * len(self.inputs),
         )
-        if found.x is None:
-            raise SimulationError(f"the bounds of the inputs admit no input ({found.message})")
-        return np.asarray(found.x)
+        if solution.x is None:
+            raise SimulationError(f"the bounds of the inputs admit no input ({solution.message})")
+        return np.asarray(solution.x)
 
     @property
     def vertices(self) -> Array:
@@ -247,17 +247,17 @@ class RegulationMap:
             )
         if self.hopeless:
             return np.zeros((0, m))
-        found = []
+        points = []
         for rows in itertools.combinations(range(len(self.offsets)), m):
             matrix = self.normals[list(rows)]
             if abs(np.linalg.det(matrix)) > 1e-12 * np.prod(np.linalg.norm(matrix, axis=1)):
                 point = np.linalg.solve(matrix, self.offsets[list(rows)])
                 if self.contains(point, 1e-9 * (1.0 + float(np.abs(point).max()))):
-                    found.append(point)
-        if not found and self.empty:
+                    points.append(point)
+        if not points and self.empty:
             return np.zeros((0, m))
         self._refuse_unbounded()
-        corners = np.array(found).reshape(-1, m)
+        corners = np.array(points).reshape(-1, m)
         corners = corners[np.sort(np.unique(np.round(corners, 9), axis=0, return_index=True)[1])]
         if m == 1:
             corners = np.sort(corners, axis=0)
@@ -332,14 +332,14 @@ class Boundary:
             raise DefinitionError(f"tolerance is {tolerance!r}", expected="a number above 0")
         self.system, self.region, self.tolerance = system, region, tolerance
         self.conditions: tuple[ViabilityCondition, ...] = viability_conditions(system, region)
-        known = merge_parameters(system.parameters, region.parameters)
+        declared = merge_parameters(system.parameters, region.parameters)
         self.given = dict(parameters or {})
         for name in self.given:
-            if name not in (names := [p.name for p in known]):
+            if name not in (names := [p.name for p in declared]):
                 raise DefinitionError(f"no parameter '{name}'", remedy=suggestion(name, names))
-        for p in known:  # the same checks as at the declaration
+        for p in declared:  # the same checks as at the declaration
             replace(p, value=self.given.get(p.name, p.value))
-        self._values = {p.symbol: self.given.get(p.name, p.value) for p in known}
+        self._values = {p.symbol: self.given.get(p.name, p.value) for p in declared}
         n, m, w = len(system.states), len(system.inputs), len(system.disturbances)
         self._cut = np.cumsum([1, n, 1, m, w, 1])
         expressions: list[Any] = []
@@ -351,7 +351,7 @@ class Boundary:
             self._ties.append(range(len(expressions), len(expressions) + len(c.ties)))
             expressions += c.ties
         arguments = [q.symbol for q in (*system.states, *system.disturbances)]
-        self._evaluate = Evaluator(expressions, arguments, known)
+        self._evaluate = Evaluator(expressions, arguments, declared)
         self._bounds = input_half_spaces(system, self._values)
         self._is_linear: dict[int, bool] = {}
 
@@ -462,8 +462,8 @@ class Boundary:
             and all(isinstance(k, (int, float)) and 0 < k < np.inf for k in gains)
         ):
             raise SimulationError(f"gains is {gains!r}", expected="two numbers above 0, in 1/s")
-        given = self._disturbance(disturbance)
-        parts, active = self._at(state, given)
+        numbers = self._disturbance(disturbance)
+        parts, active = self._at(state, numbers)
         self._refuse_outside(state)
         value, _, rate, effect, carried, drift = parts
         rows, offsets, names, hopeless = [], [], [], []
@@ -663,17 +663,17 @@ def check_viability(
     if not (np.isfinite([low, high]).all() and (low <= high).all()):
         raise SimulationError("the box is not finite", expected="lowest first, finite numbers")
     generator = np.random.default_rng(seed)
-    found: list[Array] = []
+    batches: list[Array] = []
     for _ in range(200):
         inside = generator.uniform(low, high, (4 * count, len(names)))
         inside = inside[boundary.worst(inside) < 0]
         if not len(inside):
             continue
         direction = generator.normal(size=inside.shape) * (high - low)
-        found.append(_leaving(boundary, inside, direction, low, high))
-        if sum(map(len, found)) >= count:
+        batches.append(_leaving(boundary, inside, direction, low, high))
+        if sum(map(len, batches)) >= count:
             break
-    states = np.vstack(found)[:count] if found else np.zeros((0, len(names)))
+    states = np.vstack(batches)[:count] if batches else np.zeros((0, len(names)))
     if not len(states):
         raise SimulationError(
             "no state of the region's boundary was found in the box",

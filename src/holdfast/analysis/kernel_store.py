@@ -90,13 +90,13 @@ def index_of(text: str, where: str) -> dict[str, Entry]:
         ) from None
     if layout != LAYOUT:
         raise OutputError(f"{where} has the layout {layout!r:.20}", expected=f"layout {LAYOUT}")
-    found: dict[str, Entry] = {}
-    for given in kernels if isinstance(kernels, list) else [None]:
-        entry = _entry(given, where)
-        if entry.name in found:
+    entries: dict[str, Entry] = {}
+    for kernel in kernels if isinstance(kernels, list) else [None]:
+        entry = _entry(kernel, where)
+        if entry.name in entries:
             raise OutputError(f"{where} has two kernels '{entry.name}'", expected="one of a name")
-        found[entry.name] = entry
-    return found
+        entries[entry.name] = entry
+    return entries
 
 
 def found_in(entries: Mapping[str, Entry], name: str, where: str) -> Entry:
@@ -109,8 +109,8 @@ def found_in(entries: Mapping[str, Entry], name: str, where: str) -> Entry:
             return same[0]
     if not entries:
         raise OutputError(f"{where} has no kernels", remedy="holdfast store add FILE --name NAME")
-    known = ", ".join(sorted(entries)[:10])
-    raise OutputError(f"{where} has no kernel '{name[:80]}'", expected=f"one of: {known}")
+    names = ", ".join(sorted(entries)[:10])
+    raise OutputError(f"{where} has no kernel '{name[:80]}'", expected=f"one of: {names}")
 
 
 def index_text(entries: Mapping[str, Entry]) -> str:
@@ -190,18 +190,18 @@ def check_size(path: Path, entry: Entry) -> None:
 
 def check_digest(path: Path, entry: Entry) -> None:
     """Refuse a file with another digest."""
-    if (found := digest_of(path)) != entry.sha256:
+    if (digest := digest_of(path)) != entry.sha256:
         raise OutputError(
-            f"the file of kernel '{entry.name}' has the SHA-256 {found[:12]}... ({path})",
+            f"the file of kernel '{entry.name}' has the SHA-256 {digest[:12]}... ({path})",
             expected=f"{entry.sha256[:12]}...",
             remedy="remove the kernel, and add or fetch it again",
         )
 
 
-def _entry(given: Any, where: str) -> Entry:
+def _entry(fields: Any, where: str) -> Entry:
     expected = "name, sha256, bytes, problem, licence, citation"
     try:
-        entry = Entry(**given)
+        entry = Entry(**fields)
         texts = (entry.name, entry.sha256, entry.licence, entry.citation)
         fits = all(isinstance(t, str) for t in texts) and isinstance(entry.problem, dict)
         fits = fits and type(entry.bytes) is int and 0 < entry.bytes < LARGEST
@@ -283,20 +283,20 @@ class Store:
 
     def kept(self, entry: Entry) -> Entry | None:
         """The entry here of the same file, which is there and has its size; None without one."""
-        for own in self.entries().values():
-            if own.sha256 == entry.sha256:
+        for stored in self.entries().values():
+            if stored.sha256 == entry.sha256:
                 with contextlib.suppress(OutputError):
-                    check_size(self.folder / own.file, own)
-                    return own
+                    check_size(self.folder / stored.file, stored)
+                    return stored
         return None
 
     def unnamed(self) -> list[Path]:
         """Files that no name has: of a process that was killed, or of a download that stopped."""
-        known = {e.file for e in self.entries().values()}
-        found = sorted(self.folder.iterdir()) if os.path.isdir(self.folder) else []
-        alone = [p for p in found if p.suffix == ".nc" and SHA.fullmatch(p.stem)]
-        parts = [p for p in found if p.suffix == PART and SHA.fullmatch(p.stem[1:])]
-        return [p for p in alone if p.name not in known] + parts
+        named = {e.file for e in self.entries().values()}
+        files = sorted(self.folder.iterdir()) if os.path.isdir(self.folder) else []
+        alone = [p for p in files if p.suffix == ".nc" and SHA.fullmatch(p.stem)]
+        parts = [p for p in files if p.suffix == PART and SHA.fullmatch(p.stem[1:])]
+        return [p for p in alone if p.name not in named] + parts
 
     def add(self, path: str | Path, entry: Entry) -> Entry:
         """Keep a file under a name. The entry's digest and bytes are those of the file.
@@ -456,10 +456,10 @@ def downloaded(address: str, entry: Entry, store: Store) -> Entry:
     try:
         with _alone_with(part) as file:
             with store.alone():  # who fetched it may not have written the index yet
-                own = store.kept(entry)
-            if own:
+                stored = store.kept(entry)
+            if stored:
                 part.unlink()
-                return own
+                return stored
             _check_space(store.folder, entry, file.seek(0, os.SEEK_END))
             digest = _continued(address, entry, file)
             if file.tell() < entry.bytes:
@@ -544,8 +544,8 @@ def _opened(address: str, begin: int = 0) -> Any:
         if begin and getattr(error, "code", 0) == NOTHING_MORE:
             return _opened(address)
         raise _offline(address, error) from None
-    told = answer.headers.get("Content-Range", "")
-    if answer.status == PARTIAL and not (begin and told.startswith(f"bytes {begin}-")):
+    content_range = answer.headers.get("Content-Range", "")
+    if answer.status == PARTIAL and not (begin and content_range.startswith(f"bytes {begin}-")):
         answer.close()
         if begin:
             return _opened(address)
@@ -629,8 +629,8 @@ def _fetched(address: str, store: Store) -> tuple[Path, Entry]:
     where = where.removesuffix(INDEX).rstrip("/")
     source = f"{where}/{INDEX}"
     entry = _chosen(downloaded_text(source, MOST_INDEX), source, where, name)
-    own = store.kept(entry) or downloaded(f"{where}/{entry.file}", entry, store)
-    return store.folder / own.file, own
+    stored = store.kept(entry) or downloaded(f"{where}/{entry.file}", entry, store)
+    return store.folder / stored.file, stored
 
 
 def _chosen(text: str, source: str, where: str, name: str) -> Entry:

@@ -170,9 +170,9 @@ def _parts(
     names, values = group_names(whole), []
     for name, part in zip(names, whole.parts, strict=True):
         with _reading(path):
-            own, left = _dataset(path, lazy, name)
-        own.attrs.pop("format_version", None)
-        values.append(_values(own, path, left, room // len(names), stamp, name))
+            group, left = _dataset(path, lazy, name)
+        group.attrs.pop("format_version", None)
+        values.append(_values(group, path, left, room // len(names), stamp, name))
         check_part(part, values[-1], name)
     return PartsValue.of(whole, values)
 
@@ -198,5 +198,5 @@ def _from_format_1(dataset: xr.Dataset) -> xr.Dataset:
         dims = [names.get(str(d), d) for d in variable.dims]
         part = parts[name in dataset.coords and name not in NAMED_AXES]
         part[str(name)] = xr.Variable(dims, variable.values, variable.attrs, variable.encoding)
-    found = xr.Dataset(parts[0], parts[1], dataset.attrs)
-    return found.rename(slack="largest_slack") if "slack" in found else found
+    renamed = xr.Dataset(parts[0], parts[1], dataset.attrs)
+    return renamed.rename(slack="largest_slack") if "slack" in renamed else renamed

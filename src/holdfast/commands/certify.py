@@ -225,13 +225,13 @@ def command(
         options |= {"store": folder, "kernel": kernel, "margin": margin or 0.0}
         answer = _of_scenario(scenario, overrides, options)
     with bar(answer.stage) as tell:
-        found = answer.find(progress=tell)
-    click.echo(answer.text(found, answer.write(found, folder, figures=not no_figures)))
+        outcome = answer.find(progress=tell)
+    click.echo(answer.text(outcome, answer.write(outcome, folder, figures=not no_figures)))
     if answer.helps is not None:
         with suppress(KeyboardInterrupt, MemoryError), bar("trying what helps") as tell:
-            if advice := answer.helps(found, progress=tell):  # the answer stands without it
+            if advice := answer.helps(outcome, progress=tell):  # the answer stands without it
                 click.echo(advice)
-    missing = answer.missing(found)
+    missing = answer.missing(outcome)
     if missing is not None:
         if missing:
             click.echo(f"holdfast: {missing}", err=True)
@@ -258,15 +258,15 @@ def _of_scenario(scenario: str, overrides: tuple[str, ...], options: dict[str, A
     from holdfast.presentation.studies.certificate import advice_text, certificate_text
     from holdfast.studies.certification import certified, what_helps, write_certificate
 
-    def helps(found: Any, progress: Any) -> str:
+    def helps(certificate: Any, progress: Any) -> str:
         beside = {n: v for n, v in options.items() if n not in ("store", "kernel", "margin")}
-        tried = what_helps(found, scenario, overrides, beside, progress)
+        tried = what_helps(certificate, scenario, overrides, beside, progress)
         return "" if tried is None else advice_text(tried)
 
     find = partial(certified, scenario, overrides, **options)
     return _Answer(
         "cells", find, write_certificate, certificate_text,
-        lambda found: None if len(found.kept.members) else "no cell is certified",
+        lambda certificate: None if len(certificate.kept.members) else "no cell is certified",
         None if options["kernel"] else helps,
     )  # fmt: skip
 
@@ -276,7 +276,7 @@ def _of_outside(scenario: str, overrides: tuple[str, ...], options: dict[str, An
     from holdfast.studies.certification import outside_of, write_outer
 
     find = partial(outside_of, scenario, overrides, **options)
-    return _Answer("cells", find, write_outer, outer_text, lambda found: None)
+    return _Answer("cells", find, write_outer, outer_text, lambda outer: None)
 
 
 def _of_law(
@@ -286,15 +286,15 @@ def _of_law(
     from holdfast.studies.certification import clear, write_certificate
     from holdfast.studies.law_certification import judged_law
 
-    def write(found: Any, folder: Path, *, figures: bool) -> list[Path]:
-        certificate = found.certificate
+    def write(judgement: Any, folder: Path, *, figures: bool) -> list[Path]:
+        certificate = judgement.certificate
         clear(folder)
         some = len(certificate.kept.members) > 0
         return write_certificate(certificate, folder, figures=figures) if some else []
 
     return _Answer(
         "cells", partial(judged_law, scenario, overrides, box=box, **options), write,
-        judgement_text, lambda found: None if found.verdict == "proved" else "",
+        judgement_text, lambda judgement: None if judgement.verdict == "proved" else "",
     )  # fmt: skip
 
 
@@ -304,7 +304,7 @@ def _of_box(scenario: str, overrides: tuple[str, ...], options: dict[str, Any]) 
 
     return _Answer(
         "box", partial(flowpipe_of, scenario, overrides, **options), write_flowpipe, flowpipe_text,
-        lambda found: None if found.proved else f"not proved: {found.why}",
+        lambda flowpipe: None if flowpipe.proved else f"not proved: {flowpipe.why}",
     )  # fmt: skip
 
 
@@ -314,9 +314,9 @@ def _of_largest(
     from holdfast.presentation.studies.certificate import largest_text
     from holdfast.studies.certification import largest_certified, write_largest
 
-    def missing(found: Any) -> str | None:
-        said = f"the limit of {found.key} was not found; look elsewhere with --between"
-        return None if found.answered else said
+    def missing(largest: Any) -> str | None:
+        said = f"the limit of {largest.key} was not found; look elsewhere with --between"
+        return None if largest.answered else said
 
     return _Answer(
         "preparing", partial(largest_certified, scenario, name, overrides=overrides, **options),

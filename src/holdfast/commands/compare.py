@@ -39,7 +39,7 @@ def command(
     folder = out if out is not None else Path("runs") / scenario_title(scenario)
     check_writable(folder)
     with bar("preparing") as tell:
-        found = compare(
+        comparison = compare(
             scenario,
             _listed(laws),
             _listed(cases),
@@ -48,8 +48,8 @@ def command(
             seed=seed,
             progress=tell,
         )
-    files = write_comparison(found, folder, figures=not no_figures)
-    click.echo(comparison_text(found))
+    files = write_comparison(comparison, folder, figures=not no_figures)
+    click.echo(comparison_text(comparison))
     click.echo(f"  files in {folder}: " + ", ".join(f.name for f in files))
 
 

@@ -113,10 +113,10 @@ def _timed(scenario: Scenario, text: str, table: Path | None) -> str:
         times, states = (result.arrays[n].values for n in ("time", "state"))
         states = states[..., : len(scenario.model.states)]
         sample_time = scenario.settings["sample_time"]
-        found = time_law(text, scenario.name, times, states, sample_time, table)
+        timing = time_law(text, scenario.name, times, states, sample_time, table)
     except HoldfastError as error:
         return f"  not timed: {error}"
     return (
-        f"  {found.nanoseconds:.0f} ns per call on this machine ({found.compiler}), along {runs} "
+        f"  {timing.nanoseconds:.0f} ns per call on this machine ({timing.compiler}), along {runs} "
         "of its runs"
     )

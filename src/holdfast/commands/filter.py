@@ -123,11 +123,12 @@ def tell_of(remains: str) -> None:
 
 
 def serve_lines(
-    keep: SafetyFilter, kept: Sequence[Keeps], patience: float, remains: str = ""
+    keep: SafetyFilter, keepers: Sequence[Keeps], patience: float, remains: str = ""
 ) -> int:
     """Answer the lines of standard input until it ends; the exit status.
 
-    kept: called with every decision, after it was answered. remains: said after the first sample.
+    keepers: called with every decision, after it was answered. remains: said after the first
+    sample.
     """
     from holdfast.analysis.online.relay import SampleLines
 
@@ -143,7 +144,7 @@ def serve_lines(
             sys.stdout.flush()
             tell_of(remains)
             remains = ""
-            for keeps in kept:
+            for keeps in keepers:
                 keeps(record)
             if samples.refused:
                 refused += 1
@@ -152,18 +153,18 @@ def serve_lines(
 
 
 def serve_ros2(
-    keep: SafetyFilter, kept: Sequence[Keeps], patience: float, router: str, namespace: str
+    keep: SafetyFilter, keepers: Sequence[Keeps], patience: float, router: str, namespace: str
 ) -> None:
     """A node of ROS 2 until Ctrl-C or SIGTERM."""
     from holdfast.interop.ros2 import Network, serve
 
     network = Network(connect=(router,))
     click.echo(f"holdfast: a node of ROS 2, which tries the router at {router}", err=True)
-    serve(keep, said=each(kept), network=network, namespace=namespace, patience=patience)
+    serve(keep, said=each(keepers), network=network, namespace=namespace, patience=patience)
 
 
 def serve_mavlink(
-    keep: SafetyFilter, kept: Sequence[Keeps], patience: float, controller: str, vehicle: str
+    keep: SafetyFilter, keepers: Sequence[Keeps], patience: float, controller: str, vehicle: str
 ) -> None:
     """A MAVLink component until Ctrl-C or SIGTERM."""
     from holdfast.interop.mavlink import SafetyComponent, commands_of, serve
@@ -177,14 +178,14 @@ def serve_mavlink(
     )
     where = f"a controller at {controller} and a vehicle at {vehicle}"
     click.echo(f"holdfast: a component of MAVLink between {where}", err=True)
-    click.echo(f"holdfast: messages: {serve(component, on_decision=each(kept))}", err=True)
+    click.echo(f"holdfast: messages: {serve(component, on_decision=each(keepers))}", err=True)
 
 
-def each(kept: Sequence[Keeps]) -> Keeps:
+def each(keepers: Sequence[Keeps]) -> Keeps:
     """All of them, one after the other."""
 
     def tell(record: DecisionRecord) -> None:
-        for keeps in kept:
+        for keeps in keepers:
             keeps(record)
 
     return tell
@@ -202,8 +203,8 @@ class Aside:
     left_out: the decisions that they were not told of, because `MOST` others waited.
     """
 
-    def __init__(self, kept: Sequence[Keeps]) -> None:
-        self.kept, self.left_out = kept, 0
+    def __init__(self, keepers: Sequence[Keeps]) -> None:
+        self.kept, self.left_out = keepers, 0
         self._waiting: queue.Queue[DecisionRecord | None] = queue.Queue(MOST)
         self._thread = threading.Thread(target=self._tell, name="holdfast-aside", daemon=True)
         self._thread.start()

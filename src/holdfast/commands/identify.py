@@ -126,7 +126,7 @@ def command(
         if held_out is not None:
             second = read_log(held_out, subject.system, names=named, time=time, gap=gap)
         tell("estimating", 0.05)
-        found = identify(
+        identified = identify(
             subject.system,
             first,
             held_out=second,
@@ -138,12 +138,12 @@ def command(
             window=window,
             widen=widen,
         )
-    files = write_identified(found, subject, folder, figures=not no_figures)
+    files = write_identified(identified, subject, folder, figures=not no_figures)
     answers = None
     if subject.scenario:
         with bar("scenario") as tell:
             answers, more = redrawn(
-                found,
+                identified,
                 subject,
                 folder,
                 runs=runs,
@@ -153,9 +153,9 @@ def command(
                 progress=tell,
             )
         files += more
-    click.echo(identification_text(found, files, answers.summary() if answers else None))
-    if found.held_out is not None and not found.held_out.covered:
-        click.echo(f"holdfast: {found.verdict}", err=True)
+    click.echo(identification_text(identified, files, answers.summary() if answers else None))
+    if identified.held_out is not None and not identified.held_out.covered:
+        click.echo(f"holdfast: {identified.verdict}", err=True)
         sys.exit(NOT_ANSWERED)
 
 

@@ -71,7 +71,7 @@ def command(
     folder = out if out is not None else Path("runs") / scenario_title(scenario)
     check_writable(folder)
     with bar("preparing") as tell:
-        found = disturbance_margin(
+        margin = disturbance_margin(
             scenario,
             of,
             between=between,
@@ -80,11 +80,11 @@ def command(
             overrides=overrides,
             progress=tell,
         )
-    files = write_margin(found, folder, figures=not no_figures)
-    click.echo(margin_text(found, files))
-    if not found.answered:
-        remedy = "raise march.horizon" if found.undecided else "look elsewhere with --between"
-        click.echo(f"holdfast: the limit of {found.key} was not found; {remedy}", err=True)
+    files = write_margin(margin, folder, figures=not no_figures)
+    click.echo(margin_text(margin, files))
+    if not margin.answered:
+        remedy = "raise march.horizon" if margin.undecided else "look elsewhere with --between"
+        click.echo(f"holdfast: the limit of {margin.key} was not found; {remedy}", err=True)
         sys.exit(NOT_ANSWERED)
 
 
@@ -106,23 +106,23 @@ def _rest(scenario: str, overrides: tuple[str, ...], out: Path | None) -> None:
     loaded = load_scenario(scenario, overrides)
     folder = out if out is not None else Path("runs") / loaded.name
     check_writable(folder)
-    found = resting_places(loaded)
+    resting = resting_places(loaded)
     make_folder(folder)
-    file = write_summary(folder / "rest.json", found.summary())
-    click.echo(resting_text(found.title, found.found, found.units, found.drawn, file))
-    if not found.answered:
+    file = write_summary(folder / "rest.json", resting.summary())
+    click.echo(resting_text(resting.title, resting.found, resting.units, resting.drawn, file))
+    if not resting.answered:
         sys.exit(NOT_ANSWERED)
 
 
 def _state(text: str) -> dict[str, Any]:
     """x=-0.8,psi=10 deg as a table; numbers are numbers, the rest is left as text."""
-    found: dict[str, Any] = {}
+    state: dict[str, Any] = {}
     for part in text.split(","):
         name, separator, value = (p.strip() for p in part.partition("="))
-        if not (name and separator and value) or name in found:
+        if not (name and separator and value) or name in state:
             raise ScenarioError(f"--keep {text}", expected="a state, such as x=-0.8,psi=10 deg")
         try:
-            found[name] = float(value)
+            state[name] = float(value)
         except ValueError:
-            found[name] = value
-    return found
+            state[name] = value
+    return state

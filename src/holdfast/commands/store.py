@@ -85,10 +85,10 @@ def verify(names: tuple[str, ...]) -> None:
     from holdfast.analysis.kernel_store import Store
 
     store = Store()
-    known = names or tuple(store.entries())
-    if not known:
+    chosen = names or tuple(store.entries())
+    if not chosen:
         click.echo(f"{store.folder} has no kernels")
-    faults = [fault for name in known if (fault := _verified(store, name))]
+    faults = [fault for name in chosen if (fault := _verified(store, name))]
     for path in [] if names else store.unnamed():
         size = path.stat().st_size / 2**20
         whole = path.suffix == ".nc"

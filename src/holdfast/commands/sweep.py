@@ -73,7 +73,7 @@ def command(
             executor, cores = stack.enter_context(cluster_executor(cluster))
             workers = workers or cores
         tell = stack.enter_context(bar("preparing"))
-        found = sweep(
+        campaign = sweep(
             scenario,
             over,
             latin=latin,
@@ -86,10 +86,10 @@ def command(
             executor=executor,
             progress=tell,
         )
-    found.variable(show)
-    files = write_campaign(found, folder, show, figures=not no_figures)
-    click.echo(campaign_text(found, show, files))
-    if found.refused:
-        refused = "1 cell was" if found.refused == 1 else f"{found.refused:,} cells were"
+    campaign.variable(show)
+    files = write_campaign(campaign, folder, show, figures=not no_figures)
+    click.echo(campaign_text(campaign, show, files))
+    if campaign.refused:
+        refused = "1 cell was" if campaign.refused == 1 else f"{campaign.refused:,} cells were"
         click.echo(f"holdfast: {refused} refused", err=True)
         sys.exit(NOT_ANSWERED)

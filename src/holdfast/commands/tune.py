@@ -67,7 +67,7 @@ def command(
     folder = out if out is not None else Path("runs") / scenario_title(scenario)
     check_writable(folder)
     with bar("preparing") as tell:
-        found = tune(
+        tuning = tune(
             scenario,
             cost,
             gains=gains,
@@ -79,5 +79,5 @@ def command(
             overrides=overrides,
             progress=tell,
         )
-    files = write_tuning(found, folder, figures=not no_figures)
-    click.echo(tuning_text(found, files))
+    files = write_tuning(tuning, folder, figures=not no_figures)
+    click.echo(tuning_text(tuning, files))

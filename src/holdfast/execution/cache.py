@@ -73,21 +73,21 @@ def distrust(folder: Path) -> str:
         return ""
     me = os.geteuid()
     for place in (folder, *folder.parents):
-        found = place.stat()
-        if found.st_uid != me and (place == folder or found.st_uid != 0):
+        status = place.stat()
+        if status.st_uid != me and (place == folder or status.st_uid != 0):
             return f"{place} belongs to another user"
         shared = (
-            stat.S_ISVTX & found.st_mode and place != folder
+            stat.S_ISVTX & status.st_mode and place != folder
         )  # as /tmp: each user owns his files there
-        if _others_write(found) and not shared:
+        if _others_write(status) and not shared:
             return f"others may write to {place}"
     return ""
 
 
-def _others_write(found: os.stat_result) -> bool:
-    if found.st_mode & stat.S_IWOTH:
+def _others_write(status: os.stat_result) -> bool:
+    if status.st_mode & stat.S_IWOTH:
         return True
-    return bool(found.st_mode & stat.S_IWGRP) and not _own_group(found.st_gid)
+    return bool(status.st_mode & stat.S_IWGRP) and not _own_group(status.st_gid)
 
 
 @cache
@@ -149,10 +149,10 @@ class Stored:
         path, about = self._place(key)
         try:
             with path.open("rb") as file:
-                found = os.fstat(file.fileno())
-                if hasattr(os, "geteuid") and found.st_uid != os.geteuid():
+                status = os.fstat(file.fileno())
+                if hasattr(os, "geteuid") and status.st_uid != os.geteuid():
                     return None
-                if _others_write(found) and os.name != "nt":
+                if _others_write(status) and os.name != "nt":
                     return None
                 digest, data = file.read(hashlib.sha256().digest_size), file.read()
         except OSError:

@@ -68,10 +68,10 @@ class Leaves:
         some = np.empty((width, stride))
         for first in range(0, count, stride):
             part = slice(first, first + stride)
-            given = (same.get(i, a) for i, a in enumerate(arguments))
+            arrays = (same.get(i, a) for i, a in enumerate(arguments))
             self.call(
                 name,
-                *(a if i in same else columns(a[part], stride) for i, a in enumerate(given)),
+                *(a if i in same else columns(a[part], stride) for i, a in enumerate(arrays)),
                 some,
             )
             out[part] = some[:, : min(stride, count - first)].T
@@ -134,16 +134,16 @@ def padded(count: int) -> int:
 
 def columns(rows: Array, stride: int) -> Array:
     """Points, one a row, as columns; the places that are left are repetitions of the last."""
-    found = np.empty((rows.shape[1], stride))
-    found[:, : len(rows)] = rows.T
-    found[:, len(rows) :] = rows[-1][:, np.newaxis]
-    return found
+    out = np.empty((rows.shape[1], stride))
+    out[:, : len(rows)] = rows.T
+    out[:, len(rows) :] = rows[-1][:, np.newaxis]
+    return out
 
 
 def _repeated(values: Array, stride: int) -> Array:
-    found = np.empty((max(len(values), 1), stride))
-    found[: len(values)] = values[:, np.newaxis]
-    return found
+    rows = np.empty((max(len(values), 1), stride))
+    rows[: len(values)] = values[:, np.newaxis]
+    return rows
 
 
 def _symbol(name: str) -> str:
@@ -175,8 +175,8 @@ def _object_code(text: str, digest: str, optimised: bool = False) -> bytes:
     version = ".".join(map(str, llvm.llvm_version_info))
     key = (llvmlite.__version__, version, *_processor())
     stored = Stored("leaf", digest)
-    found = stored.load(key)
-    if found is None:
+    code = stored.load(key)
+    if code is None:
         module = llvm.parse_assembly(text)
         target = _target()
         module.triple = target.triple
@@ -184,9 +184,9 @@ def _object_code(text: str, digest: str, optimised: bool = False) -> bytes:
         module.verify()
         if optimised:
             optimise(module, target)
-        found = target.emit_object(module)
-        stored.save(key, found)
-    return found
+        code = target.emit_object(module)
+        stored.save(key, code)
+    return code
 
 
 def optimise(module: Any, target: Any) -> None:
@@ -213,7 +213,7 @@ class Evaluator:
     """values(points)[i, j] = expressions[j] at points[i].
 
     `arguments` are the symbols of the columns of `points`. `parameters` give the values of their
-    symbols unless `given` replaces them; of two with one name the last counts. Raises
+    symbols unless `overrides` replaces them; of two with one name the last counts. Raises
     `DefinitionError` for an expression with any other symbol, `SimulationError` for points of
     another shape.
     """
@@ -229,13 +229,13 @@ class Evaluator:
         arrays = {"q": list(arguments), "p": [q.symbol for q in self.parameters]}
         self._leaves = compiled_leaves({"values": leaf_of(arrays, expressions)})
 
-    def values(self, points: Array, given: Mapping[str, float] | None = None) -> Array:
+    def values(self, points: Array, overrides: Mapping[str, float] | None = None) -> Array:
         """The values at points of shape (count, arguments), shape (count, expressions)."""
         points = np.ascontiguousarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != self.width:
             raise SimulationError(
                 f"points have the shape {points.shape}", expected=f"(count, {self.width})"
             )
-        chosen = {q.name: q.value for q in self.parameters} | dict(given or {})
+        chosen = {q.name: q.value for q in self.parameters} | dict(overrides or {})
         numbers = np.array(list(chosen.values()), dtype=np.float64)
         return self._leaves.values("values", len(points), self.count, points, numbers)

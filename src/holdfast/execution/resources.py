@@ -70,9 +70,9 @@ class Disk:
             raise self._refusal(error, size) from None
 
     def copy(self, values: Values) -> Values:
-        found = self.empty(len(values), values.dtype)
-        found[:] = values
-        return found
+        copied = self.empty(len(values), values.dtype)
+        copied[:] = values
+        return copied
 
     def _refusal(self, error: OSError, size: int) -> OutputError:
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):

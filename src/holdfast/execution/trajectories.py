@@ -55,37 +55,37 @@ class Trajectories:
         count, steps = len(first), inputs.shape[1]
         stride, n = padded(count), self.states
         # x at a node, its rate there, x at the next node: a step fills what follows the first
-        found = np.empty((2 * steps + 3, self.rows, stride))
-        found[0, :n, :count] = first.T
-        found[0, n:] = 0.0
+        x = np.empty((2 * steps + 3, self.rows, stride))
+        x[0, :n, :count] = first.T
+        x[0, n:] = 0.0
         if self.sensitive:
-            found[0, n :: n + self.unknown + 1][:n] = 1.0
-        given = np.empty((steps + 1, self.inputs, stride))
-        given[:steps, :, :count] = inputs.transpose(1, 2, 0)
-        given[steps] = given[steps - 1]
-        own = np.empty((self.unknown, stride))
-        own[:, :count] = unknown.T
-        for array in (found[0], given, own):
+            x[0, n :: n + self.unknown + 1][:n] = 1.0
+        u = np.empty((steps + 1, self.inputs, stride))
+        u[:steps, :, :count] = inputs.transpose(1, 2, 0)
+        u[steps] = u[steps - 1]
+        v = np.empty((self.unknown, stride))
+        v[:, :count] = unknown.T
+        for array in (x[0], u, v):
             array[..., count:] = array[..., count - 1 : count]
         numbers = np.array([step, *self._parameters])
         for k in range(steps + 1):
-            after = found[2 * k + 1 :].reshape(-1, stride)
-            self._leaves.call("step", found[2 * k], given[k], own, numbers, after)
-        return found[:-1:2, :, :count], found[1::2, :, :count]
+            after = x[2 * k + 1 :].reshape(-1, stride)
+            self._leaves.call("step", x[2 * k], u[k], v, numbers, after)
+        return x[:-1:2, :, :count], x[1::2, :, :count]
 
     def _leaf(self, rates: Sequence[Any], symbols: dict[str, Sequence[Any]]) -> Leaf:
         steps = Steps(expanded=True)
         names = {a: [f"{a}{i}" for i in range(len(s))] for a, s in symbols.items()}
         names["x"] = [f"x{i}" for i in range(self.rows)]
         names["p"] = ["step", *names["p"]]
-        known = {
+        by_symbol = {
             symbol: steps.input(name)
             for a in ("u", "v", "p")
             for symbol, name in zip(symbols[a], names[a][a == "p" :], strict=True)
         }
 
         def rate(x: Sequence[Value]) -> list[Value]:
-            now = known | dict(zip(symbols["x"], x, strict=False))
+            now = by_symbol | dict(zip(symbols["x"], x, strict=False))
             return self._rates(steps, rates, lowered(steps, rates, now), x)
 
         x, h = [steps.input(name) for name in names["x"]], steps.input("step")
@@ -100,17 +100,17 @@ class Trajectories:
     ) -> list[Value]:
         """The rates of x, and of S where it is wanted."""
         n, m = self.states, self.unknown
-        found = list(values[:n])
+        derivatives = list(values[:n])
         if not self.sensitive:
-            return found
+            return derivatives
         for i in range(n):
             row = [j for j in range(n) if rates[n + n * i + j] != 0]
             for k in range(n + m):
                 terms = [values[n + n * i + j] * x[n + (n + m) * j + k] for j in row]
                 if k >= n and rates[n + n * n + m * i + k - n] != 0:
                     terms.append(values[n + n * n + m * i + k - n])
-                found.append(_sum(terms, steps))
-        return found
+                derivatives.append(_sum(terms, steps))
+        return derivatives
 
 
 def _moved(

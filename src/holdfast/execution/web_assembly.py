@@ -92,8 +92,8 @@ def _object(text: str) -> bytes:
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     module.verify()
     optimise(module, machine)
-    found: bytes = machine.emit_object(module)
-    return found
+    code: bytes = machine.emit_object(module)
+    return code
 
 
 # -- the exports of an object --------------------------------------------------------------------
@@ -107,10 +107,10 @@ def _with_exports(content: bytes, names: Sequence[str]) -> bytes:
     _check_imports(b"".join(body for kind, body in sections if kind == _IMPORT))
     entries = [_string(n) + bytes([_FUNCTIONS]) + _number(numbers[n]) for n in names]
     exports = _EXPORT, _number(len(entries)) + b"".join(entries)
-    kept = [s for s in sections if s[0] != _CUSTOM]
-    before = sum(kind < _EXPORT for kind, _ in kept)
-    kept.insert(before, exports)
-    return content[:8] + b"".join(bytes([k]) + _number(len(b)) + b for k, b in kept)
+    parts = [s for s in sections if s[0] != _CUSTOM]
+    before = sum(kind < _EXPORT for kind, _ in parts)
+    parts.insert(before, exports)
+    return content[:8] + b"".join(bytes([k]) + _number(len(b)) + b for k, b in parts)
 
 
 def _check_memory(sections: Mapping[int, bytes]) -> None:
@@ -150,19 +150,19 @@ def _functions(body: bytes) -> Iterator[tuple[str, int]]:
         return
     read.number()
     while read.more:
-        kind, own = read.byte(), _Reader(read.bytes(read.number()))
-        for _ in range(own.number() if kind == _SYMBOLS else 0):
-            of, flags = own.byte(), own.number()
+        kind, inner = read.byte(), _Reader(read.bytes(read.number()))
+        for _ in range(inner.number() if kind == _SYMBOLS else 0):
+            of, flags = inner.byte(), inner.number()
             if of == _SECTION:
-                own.number()
+                inner.number()
             elif of == _DATA:
-                own.string()
+                inner.string()
                 if not flags & _UNDEFINED:
                     for _ in range(3):
-                        own.number()
+                        inner.number()
             else:
-                number = own.number()
-                name = own.string() if flags & _NAMED or not flags & _UNDEFINED else ""
+                number = inner.number()
+                name = inner.string() if flags & _NAMED or not flags & _UNDEFINED else ""
                 if of == _FUNCTIONS:
                     yield name, number
 
@@ -191,22 +191,22 @@ class _Reader:
         return self.content[self.at - count : self.at]
 
     def number(self) -> int:
-        found = shift = 0
+        bits = shift = 0
         while (one := self.byte()) & 0x80:
-            found |= (one & 0x7F) << shift
+            bits |= (one & 0x7F) << shift
             shift += 7
-        return found | one << shift
+        return bits | one << shift
 
     def string(self) -> str:
         return self.bytes(self.number()).decode()
 
 
 def _number(value: int) -> bytes:
-    found = bytearray()
+    encoded = bytearray()
     while value > 0x7F:
-        found.append(value & 0x7F | 0x80)
+        encoded.append(value & 0x7F | 0x80)
         value >>= 7
-    return bytes([*found, value])
+    return bytes([*encoded, value])
 
 
 def _string(text: str) -> bytes:

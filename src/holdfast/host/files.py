@@ -99,10 +99,10 @@ def _on_disk(path: Path) -> None:
 def remove_left_over(folder: Path) -> None:
     """Remove the unfinished files of processes of this machine that have ended."""
     try:
-        found = [_LEFT_OVER.fullmatch(entry) for entry in os.listdir(folder)]
+        matches = [_LEFT_OVER.fullmatch(entry) for entry in os.listdir(folder)]
     except OSError:
         return  # the attempt to write there reports it
-    for match in found:  # of thousands of names few are left over
+    for match in matches:  # of thousands of names few are left over
         if match is None or match["host"] != _HOST or (path := folder / match[0]) in _unfinished:
             continue
         process = int(match["process"])

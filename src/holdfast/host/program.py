@@ -86,10 +86,10 @@ class Programs:
                 pipe.write(json.dumps(said).encode() + b"\n")
             except OSError:
                 raise self._failed(k, "has ended, or reads no more") from None
-        found = [[0.0] * len(self.commands) for _ in states]
+        commands = [[0.0] * len(self.commands) for _ in states]
         for k in asked:
-            found[k] = self._answer(k)
-        return found
+            commands[k] = self._answer(k)
+        return commands
 
     def end(self) -> None:
         """Close the input of every process, and end those that go on; at once after a failure."""

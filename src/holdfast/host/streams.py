@@ -84,8 +84,8 @@ class Foot:
     @property
     def size(self) -> tuple[int, int]:
         """Columns and rows."""
-        found = shutil.get_terminal_size()
-        return found.columns, found.lines
+        terminal = shutil.get_terminal_size()
+        return terminal.columns, terminal.lines
 
     def draw(self, lines: Sequence[str], said: Sequence[str] = ()) -> None:
         """`said`, and below it `lines` in place of those drawn before."""

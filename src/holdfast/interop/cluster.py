@@ -56,9 +56,9 @@ def _reach(address: str) -> None:
     seconds = float(CONNECTION_TIMEOUT.removesuffix("s"))
 
     async def greet() -> None:
-        given = _security().get_connection_args("client")
+        arguments = _security().get_connection_args("client")
         try:
-            reached = _comm.connect(address, timeout=seconds, **given)
+            reached = _comm.connect(address, timeout=seconds, **arguments)
             comm = await asyncio.wait_for(reached, 1.5 * seconds)
         except TimeoutError:
             raise OSError("what answers there is no server of Dask") from None

@@ -61,10 +61,12 @@ def closed_loop(system: System, law: Law | Switching) -> Any:
     moving = Evaluator(rates, arguments, parameters)
     shown = Evaluator([*(q.symbol for q in system.states), *inputs], arguments, parameters)
 
-    def at(evaluator: Evaluator, t: float, x: Array, d: Array, given: Mapping[str, float]) -> Array:
+    def at(
+        evaluator: Evaluator, t: float, x: Array, d: Array, numbers: Mapping[str, float]
+    ) -> Array:
         row = np.concatenate([x, np.atleast_1d(d)[: len(system.disturbances)], [t]])
-        found: Array = evaluator.values(row[np.newaxis], given)[0]
-        return found
+        computed: Array = evaluator.values(row[np.newaxis], numbers)[0]
+        return computed
 
     return control.NonlinearIOSystem(
         lambda t, x, d, params: at(moving, t, x, d, params),
@@ -101,21 +103,21 @@ def sampled_loop(
     loop = ClosedLoop(program)
     run = OneRun(loop, settings)
     n, remembered = len(program.states), len(program.remembered)
-    told = list(system.input_names)
+    outputs = list(system.input_names)
     if program.safeguarded:
-        told += [*(f"nominal_{name}" for name in system.input_names), "slack"]
+        outputs += [*(f"nominal_{name}" for name in system.input_names), "slack"]
 
-    def sample(t: float, x: Array, d: Array, given: Mapping[str, float]) -> tuple[Array, Array]:
-        values = loop.parameter_array(given, sample_time)
+    def sample(t: float, x: Array, d: Array, numbers: Mapping[str, float]) -> tuple[Array, Array]:
+        values = loop.parameter_array(numbers, sample_time)
         values[len(values) - 1 - len(program.given) : -1] = np.atleast_1d(d)[: len(program.given)]
         memory = x[n : n + remembered] if t > 0 else None
         controller = Controller(memory, int(x[-2]), float(x[-1]))
-        found = run.sample(float(t), x[:n], controller, values)
-        _, mode, in_mode = found.controller
-        kept = found.controller.memory if remembered else np.empty(0)
-        after = np.concatenate([found.state, kept, [mode, in_mode]])
-        filtered = [*found.nominal, found.slack] if program.safeguarded else []
-        return after, np.concatenate([x[:n], found.input, filtered, [mode]])
+        stepped = run.sample(float(t), x[:n], controller, values)
+        _, mode, in_mode = stepped.controller
+        memory_after = stepped.controller.memory if remembered else np.empty(0)
+        after = np.concatenate([stepped.state, memory_after, [mode, in_mode]])
+        filtered = [*stepped.nominal, stepped.slack] if program.safeguarded else []
+        return after, np.concatenate([x[:n], stepped.input, filtered, [mode]])
 
     made = control.NonlinearIOSystem(
         lambda t, x, d, params: sample(t, x, d, params)[0],
@@ -123,7 +125,7 @@ def sampled_loop(
         name=f"{system.name}_sampled",
         states=[*system.state_names, *program.remembered, "mode", "time_in_mode"],
         inputs=list(system.disturbance_names),
-        outputs=[*system.state_names, *told, "mode"],
+        outputs=[*system.state_names, *outputs, "mode"],
         params={p.name: p.value for p in program.parameters},
         dt=sample_time,
     )

@@ -62,8 +62,8 @@ class Environment(gymnasium.Env[Array, Array]):
         size = (len(system.states),)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, size, dtype=np.float64)
         self.ends = np.array([box.get(n, (0.0, 0.0)) for n in system.state_names], dtype=float)
-        given = disturbance or {}
-        self.pushed = np.array([given.get(n, 0.0) for n in system.disturbance_names])
+        by_name = disturbance or {}
+        self.pushed = np.array([by_name.get(n, 0.0) for n in system.disturbance_names])
         self.names = region.inequality_names
         self._safe = self._watch(region)
         self._goal = self._watch(goal) if goal is not None else None
@@ -110,8 +110,8 @@ class Environment(gymnasium.Env[Array, Array]):
     def action(self, decision: Decision) -> Array:
         """The action that applies a decision."""
         wide = self.high - self.low
-        found: Array = 2.0 * (decision.actuators - self.low) / wide - 1.0
-        return found
+        scaled: Array = 2.0 * (decision.actuators - self.low) / wide - 1.0
+        return scaled
 
     def _moved(self, q: Array, held: Array, h: float) -> Array:
         t = self.count * self.sample_time
@@ -123,8 +123,8 @@ class Environment(gymnasium.Env[Array, Array]):
         two = rates(q + h / 2 * one, t + h / 2)
         three = rates(q + h / 2 * two, t + h / 2)
         four = rates(q + h * three, t + h)
-        found: Array = q + h / 6 * (one + 2 * two + 2 * three + four)
-        return found
+        after: Array = q + h / 6 * (one + 2 * two + 2 * three + four)
+        return after
 
     def _info(self) -> dict[str, Any]:
         values = self._safe.values(self.state[np.newaxis])[0]
@@ -155,8 +155,8 @@ class Filtered(gymnasium.Wrapper[Any, Any, Any, Any]):
     ) -> None:
         super().__init__(env)
         inner = env.unwrapped
-        own = isinstance(inner, Environment) and inner.system == keep.system
-        if not own and None in (state, command, action):
+        same_system = isinstance(inner, Environment) and inner.system == keep.system
+        if not same_system and None in (state, command, action):
             raise DefinitionError(
                 "the environment is not one of the filter's system",
                 expected="state, command and action, from observations, actions and decisions",
@@ -187,5 +187,5 @@ class Filtered(gymnasium.Wrapper[Any, Any, Any, Any]):
         felt = None if self._disturbance is None else self._disturbance(self._seen)
         decision = self.keep.step(self._state(self._seen), self._command(action), None, felt)
         self._seen, reward, over, cut_off, info = self.env.step(self._action(decision))
-        told = {"decision": decision, "overruled": decision.overruled}
-        return self._seen, reward, over, cut_off, {**info, **told}
+        added = {"decision": decision, "overruled": decision.overruled}
+        return self._seen, reward, over, cut_off, {**info, **added}

@@ -79,9 +79,9 @@ class HeldPart:
 
     def build(self, posed: Posed, parts: Sequence[Part], stages: int, threads: int) -> None:
         self.parts = parts
-        own = parts[self.place]
-        self.part = MarchPart(posed, own, stages=stages, threads=threads, room=Memory())
-        self.wanted = own.wanted(parts) if len(parts) > 1 else []
+        part = parts[self.place]
+        self.part = MarchPart(posed, part, stages=stages, threads=threads, room=Memory())
+        self.wanted = part.wanted(parts) if len(parts) > 1 else []
         self.asked = {
             k: which
             for k, other in enumerate(parts)
@@ -89,12 +89,12 @@ class HeldPart:
             if place == self.place and len(parts) > 1
         }
 
-    def carry_out(self, orders: Sequence[StageOrder], found: list[Edges]) -> list[StageAnswer]:
+    def carry_out(self, orders: Sequence[StageOrder], received: list[Edges]) -> list[StageAnswer]:
         """Stages, after what the others have handed over."""
         self.handed.pop(self.rounds - 1, None)  # all have it, as they have been asked again
-        if found:
-            self.part.take(found)
-            found.clear()  # the memory is needed for what is handed over next
+        if received:
+            self.part.take(received)
+            received.clear()  # the memory is needed for what is handed over next
         answers = self.part.carry_out(orders)
         self.rounds += 1
         self.handed[self.rounds] = {
@@ -136,12 +136,14 @@ async def build(
     return await _told(held, held.build, posed, parts, stages, threads)
 
 
-async def ask(march: str, rounds: int, method: str, given: Sequence[Any], dask_worker: Any) -> Any:
+async def ask(
+    march: str, rounds: int, method: str, arguments: Sequence[Any], dask_worker: Any
+) -> Any:
     """What the part answers to a method of `MarchPart`, after so many rounds of stages."""
     held = _held.get((march, dask_worker.address))
     if held is None or held.rounds != rounds:
         return Lost("it has begun anew")
-    return await _told(held, getattr(held.part, method), *given)
+    return await _told(held, getattr(held.part, method), *arguments)
 
 
 async def carry_out(march: str, rounds: int, orders: Sequence[StageOrder], dask_worker: Any) -> Any:
@@ -149,7 +151,7 @@ async def carry_out(march: str, rounds: int, orders: Sequence[StageOrder], dask_
     held = _held.get((march, dask_worker.address))
     if held is None or held.rounds != rounds:
         return Lost("it has begun anew")
-    found: list[Edges] = []
+    received: list[Edges] = []
     if rounds > 0:
         try:
             asked = (
@@ -158,22 +160,22 @@ async def carry_out(march: str, rounds: int, orders: Sequence[StageOrder], dask_
                 )
                 for k, _ in held.wanted
             )
-            found = list(await asyncio.gather(*asked))
+            received = list(await asyncio.gather(*asked))
         except OSError as error:
             return Lost(f"a neighbour is gone ({type(error).__name__})")
-        if any(edges is None for edges in found):
+        if any(edges is None for edges in received):
             return Lost("a neighbour has begun anew")
-    return await _told(held, held.carry_out, orders, found)
+    return await _told(held, held.carry_out, orders, received)
 
 
-async def _told(held: HeldPart, function: Any, *given: Any) -> Any:
+async def _told(held: HeldPart, function: Any, *arguments: Any) -> Any:
     """What it gives, or the error that it raises, in the thread of the part.
 
     An `OSError` of its own is not one of the connection to it, which says that it is lost.
     """
     loop = asyncio.get_running_loop()
     try:
-        return await loop.run_in_executor(held.thread, function, *given)
+        return await loop.run_in_executor(held.thread, function, *arguments)
     except HoldfastError as error:
         return error
     except (OSError, MemoryError) as error:
@@ -247,12 +249,12 @@ class MarchCluster:
         count = cut(posed, len(workers))
         threads = posed.marching.threads or min(w.threads for w in workers.values())
         stages = self._stages(posed, count, threads)
-        found = layers_of(posed).parts(count, stages)
-        chosen = list(workers)[: len(found)]
-        for name, part in zip(chosen, found, strict=True):
+        all_parts = layers_of(posed).parts(count, stages)
+        chosen = list(workers)[: len(all_parts)]
+        for name, part in zip(chosen, all_parts, strict=True):
             _check_memory(posed, name, workers[name], part_memory(posed, part))
         march = uuid.uuid4().hex
-        held = ClusterParts(self._client, self._address, march, chosen, found, stages)
+        held = ClusterParts(self._client, self._address, march, chosen, all_parts, stages)
         try:
             held.build(posed)
             yield held
@@ -265,25 +267,25 @@ class MarchCluster:
             time.sleep(SETTLES)
         waited = time.monotonic() + REJOINS
         while True:
-            found = self._answering()
-            if found and (len(found) >= self._count or time.monotonic() > waited):
+            workers = self._answering()
+            if workers and (len(workers) >= self._count or time.monotonic() > waited):
                 break
-            if not found and time.monotonic() > waited + REJOINS:
+            if not workers and time.monotonic() > waited + REJOINS:
                 raise SimulationError(
                     f"cluster {self._address}: it has no workers any more",
                     remedy=f"dask worker {self._address}; then run it again: it goes on from its "
                     "checkpoint, if it has one",
                 )
             time.sleep(0.2)
-        self._count = len(found)
-        for name, worker in found.items():
+        self._count = len(workers)
+        for name, worker in workers.items():
             if worker.version != __version__:
                 raise SimulationError(
                     f"cluster {self._address}: worker {name} has holdfast {worker.version}",
                     expected=f"holdfast {__version__}, as here",
                     remedy="install the same version for all workers",
                 )
-        return dict(sorted(found.items()))
+        return dict(sorted(workers.items()))
 
     def _answering(self) -> dict[str, Hello]:
         if self._client.status == "closed":
@@ -353,8 +355,8 @@ class ClusterParts:
         for name, lease in zip(self._names, self._leases, strict=True):
             self._wait_for(name, lease)
         sent = dataclasses.replace(posed, marching=marching)
-        given = (self._march, sent, self.parts, self._names, self.stages)
-        self._answers(build, self._names, *given)
+        arguments = (self._march, sent, self.parts, self._names, self.stages)
+        self._answers(build, self._names, *arguments)
 
     def _wait_for(self, name: str, lease: Any) -> None:
         """Until a worker has taken on its lease; refused where it is there and does not."""
@@ -370,16 +372,16 @@ class ClusterParts:
                 remedy="look at its log; wait for its other tasks, or start it again",
             ) from None
 
-    def ask(self, method: str, *given: Any) -> list[Any]:
+    def ask(self, method: str, *arguments: Any) -> list[Any]:
         if method == "carry_out":
-            found = self._answers(carry_out, self._names, self._march, self._rounds, *given)
+            answers = self._answers(carry_out, self._names, self._march, self._rounds, *arguments)
             self._rounds += 1
-            return found
-        asked = (self._march, self._rounds, method, given)
+            return answers
+        asked = (self._march, self._rounds, method, arguments)
         return self._answers(ask, self._names, *asked)
 
-    def ask_one(self, place: int, method: str, *given: Any) -> Any:
-        asked = (self._march, self._rounds, method, given)
+    def ask_one(self, place: int, method: str, *arguments: Any) -> Any:
+        asked = (self._march, self._rounds, method, arguments)
         return self._answers(ask, [self._names[place]], *asked)[0]
 
     def exchange(self) -> None:
@@ -390,12 +392,12 @@ class ClusterParts:
         for lease in self._leases:
             lease.release()
 
-    def _answers(self, function: Any, names: list[str], *given: Any) -> list[Any]:
+    def _answers(self, function: Any, names: list[str], *arguments: Any) -> list[Any]:
         try:
-            found = self._client.run(function, *given, workers=names, on_error="return")
+            by_worker = self._client.run(function, *arguments, workers=names, on_error="return")
         except OSError as error:
             raise _no_scheduler(self._address, error) from None
-        answers = [found.get(name) for name in names]
+        answers = [by_worker.get(name) for name in names]
         refused = [a for a in answers if isinstance(a, HoldfastError)]
         if refused:
             raise refused[0]

@@ -44,10 +44,10 @@ class Numeric:
         moving = [*(q.symbol for q in s.states), *a, *(d.symbol for d in s.disturbances), TIME]
         return Evaluator(rates, moving, s.parameters)
 
-    def rates(self, row: Array, given: Mapping[str, float] | None = None) -> Array:
+    def rates(self, row: Array, parameters: Mapping[str, float] | None = None) -> Array:
         """The rates at one row of states, actuators, disturbances and t."""
-        found: Array = self._rates.values(row[np.newaxis], given)[0]
-        return found
+        derivative: Array = self._rates.values(row[np.newaxis], parameters)[0]
+        return derivative
 
     @cached_property
     def _inputs(self) -> Evaluator:
@@ -57,8 +57,8 @@ class Numeric:
 
     def inputs(self, actuators: Array) -> Array:
         """The inputs that the actuators produce."""
-        found: Array = self._inputs.values(actuators[np.newaxis])[0]
-        return found
+        produced: Array = self._inputs.values(actuators[np.newaxis])[0]
+        return produced
 
     def limits(self) -> tuple[Array, Array]:
         """The least and the largest of every actuator; `DefinitionError` for other bounds."""

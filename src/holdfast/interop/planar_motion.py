@@ -133,8 +133,8 @@ class PlanarMotion:
     def speed(self, state: Array, input: Array, pushed: Array) -> tuple[float, float]:
         """The velocity along x and y [m/s]."""
         row = np.concatenate([state, input, pushed])[np.newaxis]
-        found = self._moving.values(row)[0]
-        return float(found[0]), float(found[1])
+        velocity = self._moving.values(row)[0]
+        return float(velocity[0]), float(velocity[1])
 
     def states(self, motion: Motion) -> dict[str, float]:
         """The states of the system, by name, of a motion that an autopilot or a simulator tells.
@@ -151,12 +151,12 @@ class PlanarMotion:
         _, q, r = motion.gyro
         cos, sin = math.cos(yaw), math.sin(yaw)
         turn = (q * math.sin(roll) + r * math.cos(roll)) / math.cos(pitch)
-        told = dict(
+        by_name = dict(
             zip(self.pose, (x, y, math.remainder(self.bearing - yaw, 2 * math.pi)), strict=True)
         )
         moving = (north * cos + east * sin, north * sin - east * cos, -turn)
-        told |= dict(zip(self.twist, moving, strict=True))
-        return {name: told[name] for name in self.system.state_names}
+        by_name |= dict(zip(self.twist, moving, strict=True))
+        return {name: by_name[name] for name in self.system.state_names}
 
     def to_ground(self, x: float, y: float) -> tuple[float, float]:
         """North and east of a vector along x and y."""

@@ -165,8 +165,8 @@ class Interface:
                 raise DefinitionError(f"state '{name}' is in {units[name]}", expected=unit)
         self.system, self.pose, self.twist = system, pose, twist
         self.frame, self.child, self.stamped = frame, child, stamped
-        told = {name for name in (*pose, *twist) if name is not None}
-        self.states = tuple(n for n in names if n in told)
+        measured = {name for name in (*pose, *twist) if name is not None}
+        self.states = tuple(n for n in names if n in measured)
         self.base, self.fields = _command_fields(system, fields)
         self.command = f"geometry_msgs/msg/{self.base}" + "Stamped" * stamped
 
@@ -187,8 +187,8 @@ class Interface:
         place, moving = message.pose.pose, message.twist.twist
         pose = place.position.x, place.position.y, heading_of(place.orientation)
         twist = moving.linear.x, moving.linear.y, moving.angular.z
-        told = zip((*self.pose, *self.twist), (*pose, *twist), strict=True)
-        return {name: float(value) for name, value in told if name is not None}
+        pairs = zip((*self.pose, *self.twist), (*pose, *twist), strict=True)
+        return {name: float(value) for name, value in pairs if name is not None}
 
     # -- the command -------------------------------------------------------------------------
 
@@ -197,8 +197,8 @@ class Interface:
     ) -> Any:
         """The message of a command; stamp in ns since 1970, rest: field -> value of `inputs`."""
         values: dict[str, dict[str, float]] = {n: {} for n in COMMANDS[self.base]}
-        told = {field: inputs[name] for name, field in self.fields.items()}
-        for field, value in {**(rest or {}), **told}.items():
+        by_field = {field: inputs[name] for name, field in self.fields.items()}
+        for field, value in {**(rest or {}), **by_field}.items():
             where, axis = field.split(".")
             values[where][axis] = float(value)
         bare = made(f"geometry_msgs/msg/{self.base}", **{n: vector(**v) for n, v in values.items()})
@@ -214,25 +214,25 @@ class Interface:
         one out of the plane is not finite.
         """
         bare = getattr(message, self.base.lower()) if self.stamped else message
-        given = {
+        by_field = {
             f"{where}.{axis}": float(getattr(getattr(bare, where), axis))
             for where in COMMANDS[self.base]
             for axis in _AXES
         }
-        found = {name: given.pop(field) for name, field in self.fields.items()}
+        by_input = {name: by_field.pop(field) for name, field in self.fields.items()}
         linear, angular = COMMANDS[self.base]
         for field in (f"{linear}.x", f"{linear}.y", f"{angular}.z"):
-            if given.pop(field, 0.0) != 0.0:
+            if by_field.pop(field, 0.0) != 0.0:
                 raise MessageError(
                     f"a command of {field}, which no input is", expected="0 in this field"
                 )
-        for field, value in given.items():
+        for field, value in by_field.items():
             if not math.isfinite(value):
                 raise MessageError(f"{field} of a command is {value}", expected="a finite number")
-        return found, given
+        return by_input, by_field
 
 
-def _command_fields(system: System, given: Mapping[str, str] | None) -> tuple[str, dict[str, str]]:
+def _command_fields(system: System, fields: Mapping[str, str] | None) -> tuple[str, dict[str, str]]:
     """The message of geometry_msgs that has the units of the inputs, and the field of each."""
     units = {q.name: q.unit for q in system.inputs}
     fitting = [m for m, has in COMMANDS.items() if set(units.values()) <= set(has.values())]
@@ -245,7 +245,7 @@ def _command_fields(system: System, given: Mapping[str, str] | None) -> tuple[st
     message = fitting[0]
     vectors = {unit: where for where, unit in COMMANDS[message].items()}
     linear, _ = COMMANDS[message].values()
-    if given is None:
+    if fields is None:
         free = {u: ["x", "y", "z"] if u == linear else ["z"] for u in vectors}
         if any(list(units.values()).count(u) > len(axes) for u, axes in free.items()):
             raise DefinitionError(
@@ -253,16 +253,16 @@ def _command_fields(system: System, given: Mapping[str, str] | None) -> tuple[st
                 remedy="fields={input: 'force.x', ...} says which are meant",
             )
         return message, {n: f"{vectors[u]}.{free[u].pop(0)}" for n, u in units.items()}
-    if set(given) != set(units):
+    if set(fields) != set(units):
         raise DefinitionError(
-            f"fields are given for {', '.join(given) or 'nothing'}", expected=", ".join(units)
+            f"fields are given for {', '.join(fields) or 'nothing'}", expected=", ".join(units)
         )
-    for name, field in given.items():
+    for name, field in fields.items():
         allowed = [f"{vectors[units[name]]}.{axis}" for axis in _AXES]
         if field not in allowed:
             raise DefinitionError(
                 f"'{field}' for input '{name}' in {units[name]}", expected=" or ".join(allowed)
             )
-    if len(set(given.values())) < len(given):
+    if len(set(fields.values())) < len(fields):
         raise DefinitionError("two inputs have one field", expected="a field for every input")
-    return message, {n: given[n] for n in units}
+    return message, {n: fields[n] for n in units}

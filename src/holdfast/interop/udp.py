@@ -48,12 +48,12 @@ class Port:
     """
 
     def __init__(self, text: str, *, patience: float = 2.0) -> None:
-        found = re.fullmatch(r"(udpin|udpout):([^:]+):(\d{1,5})", text)
-        if not found or int(found[3]) > 65535:
+        match = re.fullmatch(r"(udpin|udpout):([^:]+):(\d{1,5})", text)
+        if not match or int(match[3]) > 65535:
             raise SimulationError(
                 f"{text!r} is no connection", expected="udpin:HOST:PORT or udpout:HOST:PORT"
             )
-        kind, host, port = found[1], found[2], int(found[3])
+        kind, host, port = match[1], match[2], int(match[3])
         self.text, self.patience = text, patience
         self.peer: Address | None = None
         self._fixed = kind == "udpout"

@@ -136,10 +136,10 @@ def follower_radius(radius: float, distance: float, bearing: float = 0.0) -> flo
 
 def chain_radii(radius: float, distance: float, followers: int) -> tuple[float, ...]:
     """The circles of the followers of a chain, each pointing at the one before it."""
-    found = [radius]
+    radii = [radius]
     for _ in range(followers):
-        found.append(follower_radius(found[-1], distance))
-    return tuple(found[1:])
+        radii.append(follower_radius(radii[-1], distance))
+    return tuple(radii[1:])
 
 
 def zero_off_tracking_gain(leader_speed: float, radius: float, distance: float) -> float:
@@ -234,7 +234,7 @@ class Convoy:
         is that of the leg's field, and otherwise along the field by (6.23). It is stationary where
         it is not `on`. Each follower moves by its law behind the one before it.
         """
-        dt, found = self.step, np.empty_like(poses)
+        dt, after = self.step, np.empty_like(poses)
         place, theta = poses[:, 0, :2], poses[:, 0, 2]
         wanted = fields.headings(number, place)
         turning = turning & (curvature * wrapped(wanted - theta) > 0)
@@ -242,18 +242,18 @@ class Convoy:
         onwards = place + self.speed * dt * unit(np.where(turning, (theta + after_arc) / 2, theta))
         off = wrapped(theta - wanted) * math.exp(-self.gain * dt)
         along = fields.headings(number, onwards) + off
-        found[:, 0, :2] = np.where(on[:, None], onwards, place)
-        found[:, 0, 2] = np.where(on, np.where(turning, after_arc, along), theta)
+        after[:, 0, :2] = np.where(on[:, None], onwards, place)
+        after[:, 0, 2] = np.where(on, np.where(turning, after_arc, along), theta)
         for k, answer in enumerate(self._answers, start=1):
             apart = poses[:, k - 1, :2] - poses[:, k, :2]
             bearing = wrapped(np.arctan2(apart[:, 1], apart[:, 0]) - poses[:, k, 2])
             seen = np.stack([np.hypot(apart[:, 0], apart[:, 1]), bearing], axis=1)
             u, w = answer.values(seen).T
-            found[:, k, 2] = poses[:, k, 2] + w * dt
-            found[:, k, :2] = poses[:, k, :2] + (u * dt)[:, None] * unit(
+            after[:, k, 2] = poses[:, k, 2] + w * dt
+            after[:, k, :2] = poses[:, k, :2] + (u * dt)[:, None] * unit(
                 poses[:, k, 2] + w * dt / 2
             )
-        return found, turning
+        return after, turning
 
 
 def unit(angle: Array) -> Array:
@@ -261,8 +261,8 @@ def unit(angle: Array) -> Array:
 
 
 def wrapped(angle: Array) -> Array:
-    found: Array = np.remainder(angle + np.pi, 2 * np.pi) - np.pi
-    return found
+    within: Array = np.remainder(angle + np.pi, 2 * np.pi) - np.pi
+    return within
 
 
 CANDIDATES = 50
@@ -312,15 +312,15 @@ def route_corners(
     Raises `DefinitionError`, naming the corner, if no radius (or not the given one) takes all
     robots through without touching a wall; and if a robot touches a wall on its way.
     """
-    found: list[Corner] = []
+    corners: list[Corner] = []
     poses = np.array([starts], dtype=float)
     for number in range(len(fields.route.legs)):
-        if found and (heading := found[-1].heading) is not None:
+        if corners and (heading := corners[-1].heading) is not None:
             poses[:, 0, 2] = heading
-        poses = _driven(fields, number, convoy, poses, found[-1].curvature if found else 0.0)
+        poses = _driven(fields, number, convoy, poses, corners[-1].curvature if corners else 0.0)
         if fields.route.legs[number].exit is not None:
-            found.append(_corner(fields, number, convoy, poses, radius))
-    return tuple(found)
+            corners.append(_corner(fields, number, convoy, poses, radius))
+    return tuple(corners)
 
 
 def _driven(fields: Fields, number: int, convoy: Convoy, poses: Array, curvature: float) -> Array:
@@ -365,22 +365,22 @@ def _at_passage(exit: Passage, before: Array, after: Array) -> Array:
     share = far[0] / (far[0] - far[1])
     step = after - before
     step[..., 2] = wrapped(step[..., 2])
-    found: Array = before + share * step
-    return found
+    pose: Array = before + share * step
+    return pose
 
 
 def _gone(fields: Fields, number: int, convoy: Convoy, poses: Array) -> npt.NDArray[np.bool_]:
     """The leaders that have left the cell of a leg, or are at the goal."""
     at, exit = poses[:, 0, :2], fields.route.legs[number].exit
-    found: npt.NDArray[np.bool_]
+    gone: npt.NDArray[np.bool_]
     if exit is None:
-        found = (
+        gone = (
             np.linalg.norm(at - np.array(fields.route.goal), axis=1)
             < 2 * convoy.speed * convoy.step
         )
     else:
-        found = (at - np.array(exit.middle)) @ np.array(exit.normal) > 0
-    return found
+        gone = (at - np.array(exit.middle)) @ np.array(exit.normal) > 0
+    return gone
 
 
 def _corner(
@@ -404,13 +404,13 @@ def _corner(
     good = np.flatnonzero(worst >= -TOUCH)
     if not good.size:
         best = int(np.argmax(worst))
-        given = "the given radius" if radius is not None else "no radius"
+        which = "the given radius" if radius is not None else "no radius"
         raise DefinitionError(
-            f"{given} leads the robots around the corner from cell '{leg.cell.name}' to cell "
+            f"{which} leads the robots around the corner from cell '{leg.cell.name}' to cell "
             f"'{following.cell.name}' at {shown(leg.exit.middle)}: with {radii[best]:.3g} m one of "
             f"them is {-worst[best]:.2g} m inside a wall"
             if np.isfinite(worst[best])
-            else f"{given} leads the leader from cell '{leg.cell.name}' to cell "
+            else f"{which} leads the leader from cell '{leg.cell.name}' to cell "
             f"'{following.cell.name}' at {shown(leg.exit.middle)}: its arc does not end",
             remedy="take a smaller distance, fewer followers or other gains, or widen the cells",
         )
@@ -436,15 +436,15 @@ def _tangents(
             remedy="take the rule 'arc'",
         )
     width = leg.exit.width
-    found = turning_radii(convoy.distance, width, depth, fields.route.environment.robot_radius)
-    if found.empty and radius is None:
+    interval = turning_radii(convoy.distance, width, depth, fields.route.environment.robot_radius)
+    if interval.empty and radius is None:
         raise DefinitionError(
             f"no radius leads the robots around the corner from cell '{leg.cell.name}' to cell "
-            f"'{following.cell.name}' at {shown(leg.exit.middle)}: at least {found.low:.3g} m for "
-            f"the follower, at most {found.high:.3g} m for the leader",
+            f"'{following.cell.name}' at {shown(leg.exit.middle)}: at least {interval.low:.3g} m "
+            f"for the follower, at most {interval.high:.3g} m for the leader",
             remedy="take the rule 'arc', a smaller distance, or a wider cell",
         )
-    radii = np.linspace(found.low, found.high, 10) if radius is None else np.array([radius])
+    radii = np.linspace(interval.low, interval.high, 10) if radius is None else np.array([radius])
     if radii.min() < convoy.distance:
         raise DefinitionError(
             f"radius {radii.min():g} m with the rule 'tangent'", expected="above the distance"
@@ -465,15 +465,15 @@ def _side(exit: Passage, fields: Fields, following: int) -> int:
 
 def _rows(leg: Leg, leader: Array, convoy: Convoy) -> Array:
     """Poses (row, robot, x y theta) with all followers in a line to the leader, in its cell."""
-    found = []
+    rows = []
     gaps = np.arange(len(convoy.laws) + 1)[:, None] * convoy.distance
     for angle in leader[2] + np.linspace(-ASIDE, ASIDE, 241):
         places = leader[:2] - gaps * unit(angle)
         if all(leg.cell.contains(place) for place in places[1:]):
-            found.append(np.column_stack([places, np.full(len(places), angle)]))
-            found[-1][0, 2] = leader[2]
-    picked = sorted({round(i) for i in np.linspace(0, len(found) - 1, PLACES)}) if found else []
-    return np.array([found[i] for i in picked]).reshape(-1, len(gaps), 3)
+            rows.append(np.column_stack([places, np.full(len(places), angle)]))
+            rows[-1][0, 2] = leader[2]
+    picked = sorted({round(i) for i in np.linspace(0, len(rows) - 1, PLACES)}) if rows else []
+    return np.array([rows[i] for i in picked]).reshape(-1, len(gaps), 3)
 
 
 def _clearance(
@@ -501,8 +501,8 @@ def _clearance(
         nearest[near] = environment.room(poses[near, :2])
         room = np.minimum(room, nearest.min(axis=1))
     room[turning] = -np.inf
-    found: Array = room.reshape(len(curvatures), len(rows)).min(axis=1)
-    return found
+    least: Array = room.reshape(len(curvatures), len(rows)).min(axis=1)
+    return least
 
 
 @dataclass(frozen=True)
@@ -523,7 +523,7 @@ class Course:
 
     def arrows(self, apart: float = 0.4) -> Array:
         """(x, y, direction) of the leader's fields at points `apart` [m] from each other."""
-        found = []
+        by_leg = []
         for number, leg in enumerate(self.fields.route.legs):
             corners = np.array(leg.cell.corners)
             low, high = corners.min(axis=0), corners.max(axis=0)
@@ -534,8 +534,8 @@ class Course:
             )
             places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
             places = places[[leg.cell.contains(place) for place in places]]
-            found.append(np.column_stack([places, self.fields.headings(number, places)]))
-        return np.vstack(found)
+            by_leg.append(np.column_stack([places, self.fields.headings(number, places)]))
+        return np.vstack(by_leg)
 
 
 THETA = symbol("thetaL")
@@ -561,7 +561,7 @@ def lead_along(
     until its heading is that of the next cell's field; at the goal it stops. A corner with a
     heading starts with a turn on the spot. speed [m/s], kL = `gain` [1/s], lengths in m.
     """
-    own = (
+    constants = (
         Parameter("cruise", "m/s", "speed of the leader", value=speed, above=0.0),
         Parameter("kL", "1/s", "heading gain of the leader", value=gain, above=0.0),
         Parameter("goal_radius", "m", "stopping distance", value=goal_radius, above=0.0),
@@ -579,7 +579,7 @@ def lead_along(
     )
 
     def law(name: str, speed: sp.Expr, turn: sp.Expr) -> Law:
-        return Law(name, POSE, {"uL": speed, "wL": turn}, parameters=(*own, *turns))
+        return Law(name, POSE, {"uL": speed, "wL": turn}, parameters=(*constants, *turns))
 
     cruise = symbol("cruise")
     modes: dict[str, Law] = {}

@@ -136,8 +136,8 @@ class Environment:
         inner, border = self._roomy
         x, y = places[..., 0], places[..., 1]
         gap = shapely.distance(shapely.points(x, y), border)
-        found: Array = np.where(shapely.contains_xy(inner, x, y), gap, -gap)
-        return found
+        signed: Array = np.where(shapely.contains_xy(inner, x, y), gap, -gap)
+        return signed
 
     def in_sight(self, one: Sequence[float], other: Sequence[float]) -> bool:
         """Whether the line between two places crosses no wall."""
@@ -161,8 +161,8 @@ def environment(cells: Mapping[str, object], robot_radius: float) -> Environment
         raise DefinitionError(f"robot_radius is {robot_radius!r}", expected="above 0")
     if not cells:
         raise DefinitionError("the environment has no cells", expected="at least one")
-    given = tuple(Cell(n, polygon(v, f"cell '{n}'")) for n, v in cells.items())
-    for one, other in combinations(given, 2):
+    all_cells = tuple(Cell(n, polygon(v, f"cell '{n}'")) for n, v in cells.items())
+    for one, other in combinations(all_cells, 2):
         shared = one.shape.intersection(other.shape)
         if shared.area > CLOSE:
             raise DefinitionError(
@@ -170,12 +170,12 @@ def environment(cells: Mapping[str, object], robot_radius: float) -> Environment
                 f"{shown(shared.centroid.coords[0])}",
                 expected="cells that touch without overlapping",
             )
-    touching = _touching(given)
-    offsets = _offsets(given, touching, robot_radius)
-    free = shapely.union_all([c.shape.buffer(CLOSE, join_style="mitre") for c in given])
-    inner = tuple(_inner(c, offsets[i], robot_radius, free) for i, c in enumerate(given))
-    passages, closed = _passages(given, inner, touching)
-    return Environment(given, robot_radius, inner, passages, tuple(closed), free)
+    touching = _touching(all_cells)
+    offsets = _offsets(all_cells, touching, robot_radius)
+    free = shapely.union_all([c.shape.buffer(CLOSE, join_style="mitre") for c in all_cells])
+    inner = tuple(_inner(c, offsets[i], robot_radius, free) for i, c in enumerate(all_cells))
+    passages, closed = _passages(all_cells, inner, touching)
+    return Environment(all_cells, robot_radius, inner, passages, tuple(closed), free)
 
 
 # -- from cells to the free space of the robots' centres -----------------------------------------
@@ -192,13 +192,13 @@ class _Contact:
 
 
 def _touching(cells: tuple[Cell, ...]) -> list[_Contact]:
-    found = []
+    contacts = []
     for (i, one), (j, other) in combinations(enumerate(cells), 2):
         for k, face in enumerate(one.faces):
             for m, opposite in enumerate(other.faces):
                 if shared := _shared(one.side(k), face, other.side(m), opposite):
-                    found.append(_Contact((i, k), (j, m), *shared))
-    return found
+                    contacts.append(_Contact((i, k), (j, m), *shared))
+    return contacts
 
 
 def _shared(
@@ -310,7 +310,7 @@ def _outwards(shape: shapely.Polygon, corner: Array) -> Array:
 def _passages(
     cells: tuple[Cell, ...], inner: tuple[Cell, ...], touching: list[_Contact]
 ) -> tuple[dict[tuple[int, int], Passage], list[str]]:
-    found: dict[tuple[int, int], Passage] = {}
+    passages: dict[tuple[int, int], Passage] = {}
     closed = []
     for i, j in sorted({(c.one[0], c.other[0]) for c in touching}):
         shared = [
@@ -325,23 +325,23 @@ def _passages(
         k, m, (a, b) = max(shared, key=lambda s: float(np.linalg.norm(s[2][1] - s[2][0])))
         for one, other, face in ((i, j, k), (j, i, m)):
             edge = inner[one].faces[face]
-            found[one, other] = Passage(
+            passages[one, other] = Passage(
                 face,
                 (float(a[0]), float(a[1])),
                 (float(b[0]), float(b[1])),
                 (float(edge.ahead), float(edge.left)),
             )
-    return found, closed
+    return passages, closed
 
 
 def _segments(shape: shapely.Geometry) -> tuple[tuple[Point, Point], ...]:
     polygons = getattr(shape, "geoms", [shape])
     rings = [r for p in polygons for r in (p.exterior, *p.interiors)]
-    found: list[tuple[Point, Point]] = []
+    segments: list[tuple[Point, Point]] = []
     for ring in rings:
         points = [(float(x), float(y)) for x, y in ring.coords]
-        found += pairwise(points)
-    return tuple(found)
+        segments += pairwise(points)
+    return tuple(segments)
 
 
 MOST = 100 * 2**20
@@ -366,13 +366,13 @@ def geojson_cells(path: str | Path) -> dict[str, list[Point]]:
             f"{path} is not a GeoJSON file of cells",
             expected='{"type": "FeatureCollection", "features": [...]}',
         )
-    found: dict[str, list[Point]] = {}
+    by_name: dict[str, list[Point]] = {}
     for number, feature in enumerate(features, start=1):
         name, corners = _geojson_cell(feature, number, path)
-        if name in found:
+        if name in by_name:
             raise DefinitionError(f"{path}: two cells are called '{name}'")
-        found[name] = corners
-    return found
+        by_name[name] = corners
+    return by_name
 
 
 def _geojson_cell(feature: Any, number: int, path: str | Path) -> tuple[str, list[Point]]:
@@ -469,9 +469,9 @@ def _leg(cell: Cell, exit: Passage) -> Leg:
 
 
 def _place(environment: Environment, point: Sequence[float], what: str) -> set[int]:
-    found = environment.cells_at(point)
-    if found:
-        return found
+    numbers = environment.cells_at(point)
+    if numbers:
+        return numbers
     if any(cell.contains(point) for cell in environment.cells):
         raise DefinitionError(
             f"at the {what} {shown(point)} a robot would touch a wall",
@@ -503,8 +503,8 @@ class Fields:
 
     def headings(self, number: int, places: Array) -> Array:
         """The direction of the field of a leg at places of shape (n, 2), numbers from 0."""
-        found: Array = self._headings.values(places)[:, number]
-        return found
+        angles: Array = self._headings.values(places)[:, number]
+        return angles
 
 
 def route_fields(route: Route, exponent: float = 3.0) -> Fields:
@@ -536,7 +536,7 @@ def route_fields(route: Route, exponent: float = 3.0) -> Fields:
 
 def _parameters(route: Route, exponent: float) -> tuple[Parameter, ...]:
     """The parameters of the fields, by name."""
-    found = [
+    parameters = [
         Parameter("lam", "1", "exponent lambda of the fields", value=exponent, above=1.0),
         Parameter("goal_x", "m", "goal of the leader", value=route.goal[0]),
         Parameter("goal_y", "m", "goal of the leader", value=route.goal[1]),
@@ -545,13 +545,13 @@ def _parameters(route: Route, exponent: float) -> tuple[Parameter, ...]:
         if leg.exit is not None:
             direction = math.atan2(leg.exit.normal[1], leg.exit.normal[0])
             shift = leg.exit.width / 2 / math.sqrt(exponent - 1)  # all of the passage only
-            found += [
+            parameters += [
                 Parameter(f"exit{number}_x", "m", "middle of a passage", value=leg.exit.middle[0]),
                 Parameter(f"exit{number}_y", "m", "middle of a passage", value=leg.exit.middle[1]),
                 Parameter(f"exit{number}_direction", "rad", "of its normal", value=direction),
                 Parameter(f"exit{number}_shift", "m", "zero of the field beyond it", value=shift),
             ]
-    return tuple(found)
+    return tuple(parameters)
 
 
 def _field(number: int, leg: Leg) -> Field:

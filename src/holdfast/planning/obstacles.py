@@ -61,30 +61,30 @@ def obstacles(
     at = states[position[0]].symbol, states[position[1]].symbol
     parameters, inequalities, scene = [], [], []
 
-    def kept(name: str) -> sp.Expr:
+    def clearance_of(name: str) -> sp.Expr:
         parameters.append(
             Parameter(f"clearance_{name}", "m", f"distance from {name}", value=float(clearance))
         )
         return parameters[-1].symbol
 
     def clear_of(name: str, parts: Sequence[shapely.Polygon], distance: sp.Expr) -> None:
-        for own, part in zip(_numbered(name, len(parts)), parts, strict=True):
+        for label, part in zip(_numbered(name, len(parts)), parts, strict=True):
             away = signed_distance(at, _sides(part))
-            inequalities.append(Inequality(own, distance - away, "m", f"distance to {name}"))
+            inequalities.append(Inequality(label, distance - away, "m", f"distance to {name}"))
 
     for name, corners in polygons.items():
         polygon = _polygon(name, corners)
-        clear_of(name, convex_parts(polygon), kept(name))
+        clear_of(name, convex_parts(polygon), clearance_of(name))
         scene += _drawn(polygon)
     if room is not None:
-        polygon, distance = _polygon("room", room), kept("room")
+        polygon, distance = _polygon("room", room), clearance_of("room")
         hull = polygon.convex_hull
         sides = _sides(shapely.orient_polygons(hull))
         rows = [sides[k : k + 4] for k in range(0, len(sides), 4)]
-        for own, (ax, ay, bx, by) in zip(_numbered("room", len(rows)), rows, strict=True):
+        for label, (ax, ay, bx, by) in zip(_numbered("room", len(rows)), rows, strict=True):
             size = math.hypot(bx - ax, by - ay)
             out = ((at[0] - ax) * (by - ay) - (at[1] - ay) * (bx - ax)) / size
-            inequalities.append(Inequality(own, out + distance, "m", "distance to a side"))
+            inequalities.append(Inequality(label, out + distance, "m", "distance to a side"))
         niches = shapely.get_parts(hull.difference(polygon))
         for number, niche in enumerate((n for n in niches if n.area > NOTHING * hull.area), 1):
             clear_of(f"room_niche_{number}", convex_parts(niche), distance)
@@ -139,13 +139,13 @@ def _polygon(name: str, corners: Corners) -> shapely.Polygon:
         raise DefinitionError(f"polygon '{name}' has no area")
     if len(set(points)) != len(points):
         raise DefinitionError(f"polygon '{name}' has a corner twice", expected="each corner once")
-    found = shapely.Polygon(points)
-    if not found.is_valid or found.area <= 0:
-        reason = shapely.is_valid_reason(found).lower()
+    shape = shapely.Polygon(points)
+    if not shape.is_valid or shape.area <= 0:
+        reason = shapely.is_valid_reason(shape).lower()
         raise DefinitionError(
             f"polygon '{name}': {reason}", expected="corners in order, sides that do not cross"
         )
-    return shapely.orient_polygons(found)
+    return shapely.orient_polygons(shape)
 
 
 def _drawn(polygon: shapely.Polygon) -> list[Segment]:

@@ -44,12 +44,12 @@ def law_of_certificate(
     with one that need not hold at the target of the certificate.
     """
     spec = validated(CertificateSpec, dict(table), file, "law")
-    found = read_certificate(spec.certificate, check=spec.check)
+    certificate = read_certificate(spec.certificate, check=spec.check)
     if region is not None:
-        check_region(found, region)
-    if goal is not None and found.target:
-        check_goal(found, goal)
-    return certified_law(found, system, disturbance=disturbance)
+        check_region(certificate, region)
+    if goal is not None and certificate.target:
+        check_goal(certificate, goal)
+    return certified_law(certificate, system, disturbance=disturbance)
 
 
 def check_region(certificate: Certificate, region: Region) -> None:

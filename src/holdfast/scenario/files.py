@@ -106,10 +106,10 @@ def _placed(path: str, folder: Path, endings: tuple[str, ...]) -> str:
     return str(folder / path) if path.endswith(endings) else path
 
 
-def merged(data: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """The tables with what is given in place of theirs, key by key; neither is changed."""
     result = copy.deepcopy(dict(data))
-    for name, value in given.items():
+    for name, value in changes.items():
         mine = result.get(name)
         if isinstance(value, Mapping) and isinstance(mine, Mapping):
             result[name] = merged(mine, value)
@@ -211,11 +211,11 @@ def _place_in(table: list[Any], part: str, change: str) -> int:
 @cache
 def files_digest() -> str:
     """A digest of the scenarios and the vehicles, any of which another may name."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for kind in ("scenarios", "vehicles"):
         for path in sorted(Path(str(resources.files("holdfast") / kind)).glob("*.toml")):
-            found.update(path.read_bytes())
-    return found.hexdigest()
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -295,10 +295,10 @@ def _write(
 
 def _absolute(tables: Mapping[str, Any], written: Mapping[str, Any]) -> dict[str, Any]:
     """The tables with absolute paths, where the file has paths at all."""
-    found = {**tables}
+    absolute = {**tables}
     for (table, key), endings in PATHS.items():
         there, before = tables.get(table), written.get(table)
         path = there.get(key) if isinstance(there, Mapping) else None
         if isinstance(path, str) and isinstance(before, Mapping) and path.endswith(endings):
-            found[table] = {**found[table], key: str(Path(path).absolute())}
-    return found
+            absolute[table] = {**absolute[table], key: str(Path(path).absolute())}
+    return absolute

@@ -131,15 +131,15 @@ def named_kernel(
                 remedy="name the scenario that computes it",
             )
         return NamedKernel(name, None)
-    file, text, own = read_tables(name)
-    if not is_kernel(file, own):
+    file, text, tables = read_tables(name)
+    if not is_kernel(file, tables):
         raise ScenarioError(
             f"'{name}' does not compute a kernel", expected="one of " + ", ".join(PROBLEMS)
         )
     vehicle = {k: v for k, v in (system or {}).items() if k not in LATE}
-    data = merged(merged(own, {"system": vehicle}), changes)
-    if data != own:
-        text += f"\n# with: {json.dumps({n: t for n, t in data.items() if t != own.get(n)})}\n"
+    data = merged(merged(tables, {"system": vehicle}), changes)
+    if data != tables:
+        text += f"\n# with: {json.dumps({n: t for n, t in data.items() if t != tables.get(n)})}\n"
     scenario = composed_kernel(file, text, data)
     numbers = [(q.name, q.value) for q in scenario.system.parameters]  # those of a vehicle's file
     decisive = [scenario.kind, {n: data[n] for n in DECISIVE if n in data}, numbers]
@@ -181,14 +181,14 @@ def check_implies(
             columns = _inside(layers[k], k, nodes)
             if not len(columns):
                 continue
-            found = rows.values(columns)
-            row, j = np.unravel_index(int(found.argmax()), found.shape)
-            if not found[row, j] <= 1e-9:  # nor is what is not a number within
+            excess = rows.values(columns)
+            row, j = np.unravel_index(int(excess.argmax()), excess.shape)
+            if not excess[row, j] <= 1e-9:  # nor is what is not a number within
                 c = region.inequalities[j]
                 shown = ", ".join(
                     f"{n} = {v:.3g}" for n, v in zip(names, columns[row], strict=True)
                 )
-                amount = f"{found[row, j]:.3g}" + ("" if c.unit == "1" else f" {c.unit}")
+                amount = f"{excess[row, j]:.3g}" + ("" if c.unit == "1" else f" {c.unit}")
                 raise ScenarioError(
                     f"the kernel of '{kernel.name}' is not within region '{region.name}': at "
                     f"{shown} it violates '{c.name}' by {amount}",
@@ -217,16 +217,16 @@ def _has_all(scenario: KernelScenario | None, region: Region, system: System) ->
 
 
 def _loaded(path: str) -> ValueFunction:
-    found = load(path)
-    if isinstance(found, PartsValue):
+    loaded = load(path)
+    if isinstance(loaded, PartsValue):
         raise ScenarioError(
             f"{path} is put together from parts and has no grid of all its states",
             expected="a kernel on one grid here",
             remedy="take hf.parts_law and the value that hf.load gives",
         )
-    if not isinstance(found, ValueFunction):
+    if not isinstance(loaded, ValueFunction):
         raise ScenarioError(f"{path} holds trajectories", expected="a value function")
-    return found
+    return loaded
 
 
 @dataclass(frozen=True)

@@ -65,16 +65,16 @@ def no_rest(scenario: Scenario) -> str:
     that the system's states do not determine. Usually a place is found at once; the best one is
     searched only where none is.
     """
-    given = _constant(scenario)
-    if given is None or not (any(given.values()) or _field(scenario)):
+    steady = _constant(scenario)
+    if steady is None or not (any(steady.values()) or _field(scenario)):
         return ""
     try:
         search = _search(scenario)
     except DefinitionError:  # rates or a region without a place at rest: of time, of other states
         return ""
-    if search.surely_held(given):
+    if search.surely_held(steady):
         return ""
-    best = search.solve(given, [])
+    best = search.solve(steady, [])
     return "" if best.exists else sentence(best, scenario)
 
 
@@ -86,18 +86,18 @@ def resting_places(scenario: Scenario, draws: int = DRAWS) -> Resting:
     """
     if scenario.region is None:
         raise ScenarioError(f"{scenario.file}: no region, so no place at rest in one")
-    given = _constant(scenario)
-    drawn = given is None
-    tried = _drawn(scenario, draws) if given is None else [given]
+    steady = _constant(scenario)
+    drawn = steady is None
+    tried = _drawn(scenario, draws) if steady is None else [steady]
     search = _search(scenario, _moving(scenario) if drawn else ())
-    found: list[RestingState] = []
+    places: list[RestingState] = []
     last: list[Array] = []
     for disturbance in tried:
         best = search.solve(disturbance, last)
-        found.append(best)
+        places.append(best)
         if best.exists:
             last = [np.array([*best.state.values(), *best.inputs.values(), best.margin])]
-    return Resting(scenario.title, scenario.name, tuple(found), drawn, _units(scenario))
+    return Resting(scenario.title, scenario.name, tuple(places), drawn, _units(scenario))
 
 
 def sentence(best: RestingState, scenario: Scenario) -> str:
@@ -116,8 +116,8 @@ def _units(scenario: Scenario) -> dict[str, str]:
 
 def _search(scenario: Scenario, drawn: Sequence[sp.Symbol] = ()) -> Search:
     assert scenario.region is not None
-    known = {s: sp.Float(v) for s, v in _numbers(scenario).items() if s not in drawn}
-    field = {n: e.xreplace(known) for n, e in _field(scenario).items()}
+    numbers = {s: sp.Float(v) for s, v in _numbers(scenario).items() if s not in drawn}
+    field = {n: e.xreplace(numbers) for n, e in _field(scenario).items()}
     return Search(scenario.system, scenario.region, _box(scenario), STARTS, 0, field, drawn)
 
 
@@ -187,8 +187,8 @@ def _numbers(scenario: Scenario) -> dict[sp.Basic, float]:
 
 def _values(scenario: Scenario, numbers: Mapping[sp.Basic, float]) -> dict[str, float]:
     still = {n: e for n, e in scenario.disturbance.items() if n not in _field(scenario)}
-    given = {n: float(e.subs(numbers)) for n, e in still.items()}
-    return {n: given.get(n, 0.0) for n in scenario.system.disturbance_names}
+    by_name = {n: float(e.subs(numbers)) for n, e in still.items()}
+    return {n: by_name.get(n, 0.0) for n in scenario.system.disturbance_names}
 
 
 def _drawn(scenario: Scenario, count: int) -> Sequence[dict[str, float]]:
@@ -211,5 +211,6 @@ def _drawn(scenario: Scenario, count: int) -> Sequence[dict[str, float]]:
     rows = ends[:, 0] + shares * (ends[:, 1] - ends[:, 0])
     drawn = [dict(zip(moving, map(float, row), strict=True)) for row in rows]
     return [
-        {**_values(scenario, numbers | own), **{str(s): v for s, v in own.items()}} for own in drawn
+        {**_values(scenario, numbers | draw), **{str(s): v for s, v in draw.items()}}
+        for draw in drawn
     ]

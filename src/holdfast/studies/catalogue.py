@@ -62,10 +62,10 @@ def describe(name: str, overrides: Sequence[str] = ()) -> str:
         if isinstance(loaded, PartsScenario):
             text = "\n".join([text, "", *(f"# {line}" for line in loaded.decomposition.lines())])
         return text
-    known = [f.__name__ for c in CATALOGUES.values() for f in c]
+    entries = [f.__name__ for c in CATALOGUES.values() for f in c]
     raise ScenarioError(
         f"unknown name '{name}'",
-        remedy=suggestion(name, [*known, *vehicle_names(), *scenario_names()]),
+        remedy=suggestion(name, [*entries, *vehicle_names(), *scenario_names()]),
     )
 
 

@@ -55,16 +55,20 @@ def check_of_scenario(certificate: str | Path, scenario: str) -> None:
     if asked.region is None:
         raise ScenarioError(f"'{scenario}' has no region", remedy="add a [region]")
     if isinstance(asked, KernelScenario):
-        known = dict(asked.options.get("disturbance") or {})
+        disturbance = dict(asked.options.get("disturbance") or {})
         goal = asked.goal if asked.kind == "capture-basin" else None
         lasts = math.inf if asked.forever else asked.horizon
         _check_goal(proved, goal, must=goal is not None)
     else:
-        known, goal, lasts = without_bounds(asked), asked.goal, float(asked.settings["horizon"])
+        disturbance, goal, lasts = (
+            without_bounds(asked),
+            asked.goal,
+            float(asked.settings["horizon"]),
+        )
         _check_run(proved, asked.settings)
         _check_law(proved, asked)
         _check_goal(proved, goal, must=False)
-    check_fits(proved, asked.system, known)
+    check_fits(proved, asked.system, disturbance)
     check_region(proved, asked.region)
     holds = proved.kept.holds
     if not proved.target and holds is not None and holds * proved.hold < lasts - ROUNDED:
@@ -203,8 +207,8 @@ def _check_law(proved: Certificate, asked: Scenario) -> None:
     ranges = {n: proved.ranges.get(n, (p.value, p.value)) for n, p in numbers.items()}
     counts = {q.name: len(e) - 1 for q, e in zip(asked.system.inputs, said.parts, strict=False)}
     parts = parts_of(asked.system, counts, ranges)
-    own = law_of_cases(asked.system, law, {**proved.ranges, **ranges}, proved.hold, parts)
-    if written(own, (), plain_text) != written(said, (), plain_text):
+    cases = law_of_cases(asked.system, law, {**proved.ranges, **ranges}, proved.hold, parts)
+    if written(cases, (), plain_text) != written(said, (), plain_text):
         raise ScenarioError("the law of the certificate is another", expected=f"'{law.name}'")
 
 

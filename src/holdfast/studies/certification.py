@@ -148,20 +148,20 @@ def check_kernel(loaded: object, scenario: str) -> KernelScenario:
     return loaded
 
 
-def write_outer(found: OuterSet, folder: Path, *, figures: bool) -> list[Path]:
+def write_outer(outer: OuterSet, folder: Path, *, figures: bool) -> list[Path]:
     """The cells, what they say in JSON, the certificate of the others of a kernel, the figure."""
     make_folder(folder)
     files = [
-        saved(found, folder / "outer.nc"),
-        write_summary(folder / "outer.json", found.summary()),
+        saved(outer, folder / "outer.nc"),
+        write_summary(folder / "outer.json", outer.summary()),
     ]
-    if found.lost is not None:
-        files = [found.lost.write(folder / LOST), *files]
-    if figures and len(found.names) > 1:
+    if outer.lost is not None:
+        files = [outer.lost.write(folder / LOST), *files]
+    if figures and len(outer.names) > 1:
         from holdfast.presentation.figures import style
         from holdfast.presentation.studies.certificate import outer_figure
 
-        files += style.write(outer_figure(found), folder, "outer")
+        files += style.write(outer_figure(outer), folder, "outer")
     return files
 
 
@@ -171,20 +171,20 @@ def clear(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def write_certificate(found: Certificate, folder: Path, *, figures: bool) -> list[Path]:
+def write_certificate(certificate: Certificate, folder: Path, *, figures: bool) -> list[Path]:
     """The certificate, if it has a cell, what it says in JSON, and the figure."""
     make_folder(folder)
     clear(folder)
-    files = [write_summary(folder / "certificate.json", found.summary())]
-    if len(found.kept.members):
-        files = [found.write(folder / FILE), *files]
+    files = [write_summary(folder / "certificate.json", certificate.summary())]
+    if len(certificate.kept.members):
+        files = [certificate.write(folder / FILE), *files]
     else:
         forget(folder)
-    if figures and len(found.states) > 1:
+    if figures and len(certificate.states) > 1:
         from holdfast.presentation.figures import style
         from holdfast.presentation.studies.certificate import certificate_figure
 
-        files += style.write(certificate_figure(found), folder, "certificate")
+        files += style.write(certificate_figure(certificate), folder, "certificate")
     return files
 
 
@@ -334,13 +334,15 @@ def largest_certified(
     changes = list(overrides)
     if not (math.isfinite(share) and 0 <= share <= 1):
         raise ScenarioError(f"share is {share:g}", expected="0 to 1, of the cells in the region")
-    own = check_kernel(load_scenario(scenario, changes), scenario)
-    given = dict(uncertain or {})
+    loaded = check_kernel(load_scenario(scenario, changes), scenario)
+    requested = dict(uncertain or {})
     off = of.startswith(UNCERTAIN)
-    ranges = {**own.certificate.get("uncertain", {}), **given}
-    searched = _off(own, of, given) if off else _number(scenario, changes, own, of)
+    ranges = {**loaded.certificate.get("uncertain", {}), **requested}
+    searched = _off(loaded, of, requested) if off else _number(scenario, changes, loaded, of)
     if not off and ranges.keys() & {*searched.key.split(".")}:
-        raise ScenarioError(f"{own.file}: '{of}' is searched, and has a range in uncertain as well")
+        raise ScenarioError(
+            f"{loaded.file}: '{of}' is searched, and has a range in uncertain as well"
+        )
     low, high = between or (0.0, (0.5 if off else 2.0) * abs(searched.own))
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ScenarioError(
@@ -365,36 +367,36 @@ def largest_certified(
                 progress(f"{searched.name} {value:.4g}", done + part * fraction)
 
         begun = time.perf_counter()
-        found = certified(
+        certificate = certified(
             scenario,
             [*changes, *searched.settings(value)],
             cells=cells,
             sample_time=sample_time,
             horizon=horizon,
             inputs=inputs,
-            uncertain={**given, **searched.uncertain(value)},
+            uncertain={**requested, **searched.uncertain(value)},
             errors=errors,
             delay=delay,
             halvings=halvings,
             progress=tell,
         )
-        kept = found.kept
-        holds = len(kept.members) > 0 and kept.share >= share
+        proved = certificate.kept
+        holds = len(proved.members) > 0 and proved.share >= share
         if holds:
-            best[value] = found
+            best[value] = certificate
         return CertifiedTrial(
             value=value,
             answer=Answer.HELD if holds else Answer.LOST,
-            certified=len(kept.members),
-            inside=kept.inside,
+            certified=len(proved.members),
+            inside=proved.inside,
             wall_time=time.perf_counter() - begun,
         )
 
     end = high if between is not None else math.inf
     trials = search(attempt, low, high, width, monotone=searched.widens, end=end)
     result = LargestCertified(
-        title=own.title,
-        scenario=scenario if scenario.endswith(".toml") else own.name,
+        title=loaded.title,
+        scenario=scenario if scenario.endswith(".toml") else loaded.name,
         key=searched.key,
         name=searched.name,
         unit=searched.unit,
@@ -407,30 +409,34 @@ def largest_certified(
     return result if result.low is None else replace(result, found=best[result.low])
 
 
-def write_largest(found: LargestCertified, folder: Path, *, figures: bool) -> list[Path]:
+def write_largest(largest: LargestCertified, folder: Path, *, figures: bool) -> list[Path]:
     """largest.json, and the certificate of the largest number that is certified."""
     make_folder(folder)
     clear(folder)
-    files = [] if found.found is None else write_certificate(found.found, folder, figures=figures)
-    return [*files, write_summary(folder / "largest.json", found.summary())]
+    files = (
+        [] if largest.found is None else write_certificate(largest.found, folder, figures=figures)
+    )
+    return [*files, write_summary(folder / "largest.json", largest.summary())]
 
 
-def _off(own: KernelScenario, of: str, given: Mapping[str, Range]) -> Searched:
+def _off(loaded: KernelScenario, of: str, requested: Mapping[str, Range]) -> Searched:
     """How far a parameter may be off its value."""
     name = of.removeprefix(UNCERTAIN)
-    assert own.region is not None
-    known = {p.name: p for p in (*own.system.parameters, *own.region.parameters)}
-    if name not in known:
+    assert loaded.region is not None
+    parameters = {p.name: p for p in (*loaded.system.parameters, *loaded.region.parameters)}
+    if name not in parameters:
         raise ScenarioError(
-            f"{own.file}: '{of}': no parameter '{name}'", remedy=suggestion(name, known)
+            f"{loaded.file}: '{of}': no parameter '{name}'", remedy=suggestion(name, parameters)
         )
-    if name in given:
-        raise ScenarioError(f"{own.file}: '{of}' is searched, and has a range in uncertain as well")
-    value = known[name].value
+    if name in requested:
+        raise ScenarioError(
+            f"{loaded.file}: '{of}' is searched, and has a range in uncertain as well"
+        )
+    value = parameters[name].value
     return Searched(
         key=of,
         name=f"{name.replace('_', ' ')} off {value:g}",
-        unit=known[name].unit,
+        unit=parameters[name].unit,
         own=value,
         settings=lambda v: (),
         uncertain=lambda v: {name: (value - v, value + v)},
@@ -438,11 +444,11 @@ def _off(own: KernelScenario, of: str, given: Mapping[str, Range]) -> Searched:
     )
 
 
-def _number(scenario: str, changes: list[str], own: KernelScenario, of: str) -> Searched:
+def _number(scenario: str, changes: list[str], loaded: KernelScenario, of: str) -> Searched:
     """A number of the scenario's tables."""
     file, _, data = read_tables(scenario, changes)
-    knob = find_knob(own, data, of)
-    value = check_number(own, data, knob)
+    knob = find_knob(loaded, data, of)
+    value = check_number(loaded, data, knob)
     if knob.key.partition(".")[0] not in TABLES and not knob.key.startswith("current."):
         raise ScenarioError(
             f"{file}: {knob.key}: no certificate depends on it",

@@ -83,24 +83,24 @@ class Judge:
 
 def composed_judge(file: str, spec: ScenarioSpec) -> Judge | None:
     """[compare] kernel and margin; `ScenarioError` if it is not a kernel of this system."""
-    given = spec.compare
-    if given.kernel is None:
-        if given.margin is not None:
+    table = spec.compare
+    if table.kernel is None:
+        if table.margin is not None:
             raise ScenarioError(f"{file}: compare.margin: needs compare.kernel")
         return None
     with at(file, "compare.kernel"):
-        found = named_kernel(given.kernel, spec.system, spec.kernels).scenario
-        if found is None or found.kind not in JUDGES:
+        kernel = named_kernel(table.kernel, spec.system, spec.kernels).scenario
+        if kernel is None or kernel.kind not in JUDGES:
             raise ScenarioError(
-                f"got '{given.kernel}'", expected="a scenario that is a " + " or a ".join(JUDGES)
+                f"got '{table.kernel}'", expected="a scenario that is a " + " or a ".join(JUDGES)
             )
     margin = None
-    if given.margin is not None:
+    if table.margin is not None:
         with at(file, "compare.margin"):
-            margin = depth_inside(given.margin, found.about)
+            margin = depth_inside(table.margin, kernel.about)
             if not margin >= 0:
                 raise ScenarioError(f"got {margin:g}", expected="a number, at least 0")
-    return Judge(given.kernel, margin)
+    return Judge(table.kernel, margin)
 
 
 def _not_followed(kernel: NamedKernel, scenario: Scenario) -> str:
@@ -108,19 +108,19 @@ def _not_followed(kernel: NamedKernel, scenario: Scenario) -> str:
 
     Measurements (noise, delay, an observer) do not matter: they do not change the viable states.
     """
-    found = kernel.scenario
-    assert isinstance(found, KernelScenario)
+    solved = kernel.scenario
+    assert isinstance(solved, KernelScenario)
     if scenario.varied:
         return "it is varied from run to run"
     if scenario.plant:
         return "the vehicle is not that of [system], for which the kernel is computed"
-    if found.system.state_names != scenario.system.state_names:
+    if solved.system.state_names != scenario.system.state_names:
         return "the states are " + ", ".join(scenario.system.state_names)
     assert scenario.region is not None
-    if _said(found.about, found.system) != _said(scenario.region, scenario.system):
-        return f"the kernel belongs to another region, '{found.about.name}'"
-    given: Mapping[str, float] = found.options.get("disturbance", {})
-    for name, number in given.items():
+    if _said(solved.about, solved.system) != _said(scenario.region, scenario.system):
+        return f"the kernel belongs to another region, '{solved.about.name}'"
+    numbers: Mapping[str, float] = solved.options.get("disturbance", {})
+    for name, number in numbers.items():
         if constant(scenario.disturbance.get(name, 0)) != number:
             return f"{name} is not {number:g}, the value of the kernel"
     return ""
@@ -169,13 +169,13 @@ def compare(
     check_kernels(shown, data)
     if base.region is None:
         raise ScenarioError(f"{shown}: a comparison needs a [region]")
-    own = scenario_title(shown)
-    known = _known_laws(own, base.compare)
-    for what, given in (("laws", laws), ("cases", cases)):
-        if given is not None and (isinstance(given, str) or not len(given)):
-            raise ScenarioError(f"{what} is {given!r}", expected="a list of names, or None for all")
-    laws, cases = (None if given is None else list(given) for given in (laws, cases))
-    chosen = {n: known.get(n) or _of_scenario(shown, n, known) for n in laws or known}
+    own_name = scenario_title(shown)
+    by_law = _known_laws(own_name, base.compare)
+    for what, names in (("laws", laws), ("cases", cases)):
+        if names is not None and (isinstance(names, str) or not len(names)):
+            raise ScenarioError(f"{what} is {names!r}", expected="a list of names, or None for all")
+    laws, cases = (None if names is None else list(names) for names in (laws, cases))
+    chosen = {n: by_law.get(n) or _of_scenario(shown, n, by_law) for n in laws or by_law}
     table = base.compare.cases or {"as it is": AlterationSpec()}
     for case in cases or ():
         if case not in table:
@@ -183,7 +183,7 @@ def compare(
                 f"{shown}: [compare.cases] has no '{case}'", remedy=suggestion(case, table)
             )
     picked = {n: table[n] for n in cases or table}
-    if not all(len(set(given)) == len(given) for given in (laws or (), cases or ())):
+    if not all(len(set(names)) == len(names) for names in (laws or (), cases or ())):
         raise ScenarioError(f"{shown}: a law or a case is named twice")
     judge = composed_judge(shown, base)
     wanted = runs if runs is not None else base.compare.runs
@@ -238,7 +238,7 @@ def compare(
     titles = {n: c.title or n.replace("_", " ") for n, c in chosen.items()}
     return Comparison(
         title=base.scenario.title,
-        scenario=own,
+        scenario=own_name,
         laws=titles,
         cases={n: c.title or n for n, c in picked.items()},
         trials=tuple(trials),
@@ -265,8 +265,8 @@ def variant(
     """
     shown, text, data = read_tables(name, [*overrides])
     base = validated(ScenarioSpec, data, shown)
-    known = _known_laws(scenario_title(shown), base.compare)
-    data = _altered(data, known.get(law) or _of_scenario(shown, law, known))
+    by_law = _known_laws(scenario_title(shown), base.compare)
+    data = _altered(data, by_law.get(law) or _of_scenario(shown, law, by_law))
     if case is not None:
         data = in_case(shown, data, case)
     return _composed(shown, text, data, runs, None)
@@ -274,25 +274,25 @@ def variant(
 
 def in_case(shown: str, data: Mapping[str, Any], case: str) -> dict[str, Any]:
     """The tables of a scenario in one of the cases of its comparison; `ScenarioError` for none."""
-    known = validated(ScenarioSpec, data, shown).compare.cases
-    if case not in known:
+    cases = validated(ScenarioSpec, data, shown).compare.cases
+    if case not in cases:
         raise ScenarioError(
-            f"{shown}: [compare.cases] has no '{case}'", remedy=suggestion(case, known)
+            f"{shown}: [compare.cases] has no '{case}'", remedy=suggestion(case, cases)
         )
-    return _altered(data, known[case])
+    return _altered(data, cases[case])
 
 
-def _known_laws(own: str, spec: CompareSpec) -> dict[str, AlterationSpec]:
-    return {own: AlterationSpec(title=spec.title or f"law of {own}"), **spec.laws}
+def _known_laws(name: str, spec: CompareSpec) -> dict[str, AlterationSpec]:
+    return {name: AlterationSpec(title=spec.title or f"law of {name}"), **spec.laws}
 
 
-def _of_scenario(file: str, name: str, known: Mapping[str, Any]) -> AlterationSpec:
+def _of_scenario(file: str, name: str, by_law: Mapping[str, Any]) -> AlterationSpec:
     """The law of another scenario as an alteration of this one."""
     if name not in scenario_names() and not name.endswith(".toml"):
         raise ScenarioError(
             f"{file}: no law '{name}' to compare",
             expected="a name in [compare.laws], or a scenario whose law is taken",
-            remedy=suggestion(name, [*known, *scenario_names()]),
+            remedy=suggestion(name, [*by_law, *scenario_names()]),
         )
     _, _, data = read_tables(name)
     taken = {n: data[n] for n in (*LAW_TABLES, "kernels") if n in data}

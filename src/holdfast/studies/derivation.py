@@ -126,19 +126,19 @@ def explain(
     in seconds; `progress` gets its finished fraction. Raises `DefinitionError` for a system
     without a constraint, an integrable (holonomic) one, and every error of `structure`.
     """
-    found = structure(system, moment)
-    grown = growth(found)
+    derived = structure(system, moment)
+    grown = growth(derived)
     if grown.integrable:
-        _refuse_holonomic(system, found, grown)
-    aligned = alignment(found)
-    search = find_chained_form(found, limit=limit, progress=progress)
-    told = steps(system, found, grown, aligned, search, chosen=moment is not None)
+        _refuse_holonomic(system, derived, grown)
+    aligned = alignment(derived)
+    search = find_chained_form(derived, limit=limit, progress=progress)
+    all_steps = steps(system, derived, grown, aligned, search, chosen=moment is not None)
     title = f"{system.name}: {system.description}" if system.description else system.name
-    return Derivation(title, found, grown, aligned, search, told)
+    return Derivation(title, derived, grown, aligned, search, all_steps)
 
 
-def _refuse_holonomic(system: System, found: Structure, grown: Growth) -> None:
-    n, kappa = len(found.coordinates), found.matrix.rows
+def _refuse_holonomic(system: System, derived: Structure, grown: Growth) -> None:
+    n, kappa = len(derived.coordinates), derived.matrix.rows
     which = ", ".join(str(i) for i in grown.integrable_rows)
     rows = f" (row {which} on its own)" if which else ""
     raise DefinitionError(

@@ -68,16 +68,16 @@ def disturbance_margin(
             f"'{scenario}' does not compute a kernel", expected="a scenario that is one of "
             + ", ".join(KERNELS),
         )  # fmt: skip
-    own = composed_kernel(file, text, data)
+    loaded = composed_kernel(file, text, data)
     for name in UNUSED:
-        if name in own.options:
+        if name in loaded.options:
             raise ScenarioError(
                 f"{file}: march.{name}: a search over many marches does not use it",
                 remedy=f"remove it with --set march.{name}=",
             )
-    knob = find_knob(own, data, of)
+    knob = find_knob(loaded, data, of)
     _check_used(file, knob.key)
-    value = check_number(own, data, knob)
+    value = check_number(loaded, data, knob)
 
     def of_changes(some: Sequence[str]) -> list[KernelScenario]:
         shown, its_text, tables = read_tables(scenario, some)
@@ -89,7 +89,7 @@ def disturbance_margin(
 
     for change in changes:
         _check_used(file, change)
-    check_overrides(changes, [own], lambda s: [composed_kernel(*read_tables(scenario, s))])
+    check_overrides(changes, [loaded], lambda s: [composed_kernel(*read_tables(scenario, s))])
     check_overrides(knob.settings(value), [composed(value)], lambda s: of_changes([*changes, *s]))
     low, high = _interval(knob, value, between)
     close = tolerance if tolerance is not None else 0.01 * max(abs(low), abs(high))
@@ -98,25 +98,25 @@ def disturbance_margin(
             f"the tolerance is {close:g}", expected=f"above 0 and below {high - low:g}"
         )
     end = knob.limit if between is None else high
-    kept = _kept(own, keep)
+    required = _kept(loaded, keep)
     monotone = can_do_more(composed(low), composed(high))
-    given = {n: v for n, v in own.options.items() if n in Marching.__dataclass_fields__}
-    orderly = Marching(**given).monotone and is_sharp(hamiltonian(own.system))
-    warm = warm_start and monotone and own.forever and orderly
-    trials = _Trials(composed, kept, warm, knob.name, progress)
-    found = search(trials.attempt, low, high, close, monotone=monotone, end=end)
+    marching = {n: v for n, v in loaded.options.items() if n in Marching.__dataclass_fields__}
+    orderly = Marching(**marching).monotone and is_sharp(hamiltonian(loaded.system))
+    warm = warm_start and monotone and loaded.forever and orderly
+    trials = _Trials(composed, required, warm, knob.name, progress)
+    tried = search(trials.attempt, low, high, close, monotone=monotone, end=end)
     result = Margin(
-        title=own.title,
-        scenario=scenario if scenario.endswith(".toml") else own.name,
+        title=loaded.title,
+        scenario=scenario if scenario.endswith(".toml") else loaded.name,
         key=knob.key,
         name=knob.name,
         unit=knob.unit,
-        keeps=kept.asked,
-        horizon=own.horizon,
-        forever=own.forever,
+        keeps=required.asked,
+        horizon=loaded.horizon,
+        forever=loaded.forever,
         tolerance=close,
         monotone=monotone,
-        trials=found,
+        trials=tried,
         end=knob.limit,
     )
     if result.low is not None:
@@ -130,12 +130,12 @@ class _Trials:
     def __init__(
         self,
         composed: Callable[[float], KernelScenario],
-        kept: Kept,
+        required: Kept,
         warm: bool,
         name: str,
         progress: Callable[[str, float], None] | None,
     ) -> None:
-        self.composed, self.kept, self.warm, self.name = composed, kept, warm, name
+        self.composed, self.kept, self.warm, self.name = composed, required, warm, name
         self.progress = progress
         self.before: tuple[float, KernelScenario, ValueFunction] | None = None
 
@@ -154,21 +154,21 @@ class _Trials:
             if self.progress is not None:
                 self.progress(f"{self.name} {value:.4g}", done + share * fraction)
 
-        found = replace(asked, options=options).solve(tell)
-        report = found.report
-        least, converged = self.kept.least(found), report.converged
+        kernel = replace(asked, options=options).solve(tell)
+        report = kernel.report
+        least, converged = self.kept.least(kernel), report.converged
         if not least > 0:
             answer = Answer.LOST
         else:
             answer = Answer.HELD if converged or not asked.forever else Answer.UNDECIDED
         if self.warm and answer is Answer.HELD and (before is None or value > before[0]):
-            self.before = value, asked, found
+            self.before = value, asked, kernel
         unknown = self.kept.asked and answer is Answer.LOST
         return Tried(
             value=value,
             answer=answer,
             least=least,
-            fraction=math.nan if unknown else found.fraction(),
+            fraction=math.nan if unknown else kernel.fraction(),
             converged=converged,
             warm=warm,
             steps=report.steps,
@@ -186,48 +186,48 @@ def _check_used(file: str, key: str) -> None:
         )
 
 
-def _interval(knob: Knob, own: float, between: tuple[float, float] | None) -> tuple[float, float]:
+def _interval(knob: Knob, value: float, between: tuple[float, float] | None) -> tuple[float, float]:
     if between is None:
-        if not own > 0:
+        if not value > 0:
             raise ScenarioError(
-                f"{knob.key} is {own:g}", expected="a number above 0 to begin with",
+                f"{knob.key} is {value:g}", expected="a number above 0 to begin with",
                 remedy="give the interval: --between LOW HIGH",
             )  # fmt: skip
-        return 0.0, min(2.0 * own, knob.limit)
+        return 0.0, min(2.0 * value, knob.limit)
     low, high = (float(v) for v in between)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ScenarioError(f"between {low:g} and {high:g}", expected="LOW < HIGH")
     return low, high
 
 
-def _kept(own: KernelScenario, keep: Sequence[Mapping[str, Any] | Region]) -> Kept:
-    units = {q.name: q.unit for q in own.system.states}
-    begun = set_on_grid(own.about, own.grid)
+def _kept(loaded: KernelScenario, keep: Sequence[Mapping[str, Any] | Region]) -> Kept:
+    units = {q.name: q.unit for q in loaded.system.states}
+    begun = set_on_grid(loaded.about, loaded.grid)
     states, regions = [], []
-    for given in keep:
-        if isinstance(given, Region):
-            regions.append(given)
+    for wanted in keep:
+        if isinstance(wanted, Region):
+            regions.append(wanted)
             continue
-        for name in given:
+        for name in wanted:
             if name not in units:
                 raise ScenarioError(
                     f"--keep: unknown state '{name}'", remedy=suggestion(name, units)
                 )
-        with at("--keep", ", ".join(given)):
-            states.append([to_si(given.get(n, 0.0), unit) for n, unit in units.items()])
+        with at("--keep", ", ".join(wanted)):
+            states.append([to_si(wanted.get(n, 0.0), unit) for n, unit in units.items()])
         if not begun.at([states[-1]])[0] > 0:
             shown = ", ".join(f"{n} = {v:g}" for n, v in zip(units, states[-1], strict=True))
             raise ScenarioError(
-                f"--keep: {shown} is not in region '{own.about.name}' and on the grid",
+                f"--keep: {shown} is not in region '{loaded.about.name}' and on the grid",
                 expected="a state that the kernel could contain",
             )
-    kept = Kept(own.grid, states, regions)
-    if regions and kept.lost(begun):
+    required = Kept(loaded.grid, states, regions)
+    if regions and required.lost(begun):
         raise ScenarioError(
-            f"--keep: a region is not within region '{own.about.name}'",
+            f"--keep: a region is not within region '{loaded.about.name}'",
             expected="one that the kernel could contain",
         )
-    return kept
+    return required
 
 
 def _moves(scenario: KernelScenario) -> bool:

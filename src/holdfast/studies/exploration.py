@@ -67,8 +67,8 @@ def poses(system: System, plane: tuple[str, str]) -> list[dict[str, Any]]:
         return [{"place": [names.index(n) for n in plane], "heading": first, "label": "start"}]
 
     def heading(end: str) -> int | None:
-        own = [k for k in angles if names[k].endswith(end)]
-        return own[0] if own else None
+        headings = [k for k in angles if names[k].endswith(end)]
+        return headings[0] if headings else None
 
     return [
         {
@@ -106,11 +106,11 @@ class Copy:
 def copied_loop(loaded: Scenario, scenario: str, changes: Sequence[str]) -> Copy:
     """The tables of the file that one run needs."""
     _, tables = _tables_of(scenario, changes)
-    kept = {name: table for name, table in tables.items() if name not in ("compare", "kernels")}
+    copied = {name: table for name, table in tables.items() if name not in ("compare", "kernels")}
     named = str(tables.get("safety", ""))
     kernels = {n: k for n, k in tables.get("kernels", {}).items() if n in named}
-    kept |= {"kernels": kernels} if kernels else {}
-    return Copy(kept, fixed=COURSE if isinstance(loaded, FormationScenario) else "")
+    copied |= {"kernels": kernels} if kernels else {}
+    return Copy(copied, fixed=COURSE if isinstance(loaded, FormationScenario) else "")
 
 
 def copied_kernel(
@@ -120,7 +120,7 @@ def copied_kernel(
     before, tables = _tables_of(scenario, changes)
     name = scenario if scenario in scenario_names() else Path(scenario).name
     inputs = dict.fromkeys(loaded.system.input_names, 0)
-    kept: dict[str, Any] = {
+    copied: dict[str, Any] = {
         "scenario": {"title": loaded.title, "kind": "closed-loop", "source": loaded.source},
         "law": {"outputs": inputs},
         **{n: tables[n] for n in OF_THE_KERNEL if n in tables},
@@ -132,8 +132,8 @@ def copied_kernel(
     }
     others = {n: tables[n] for n in DECISIVE if tables.get(n) != before.get(n) and n in tables}
     if others:
-        kept["kernels"] = {name: others}
-    return Copy(kept) if (said := _refused(kept, scenario, name)) is None else Copy(None, said)
+        copied["kernels"] = {name: others}
+    return Copy(copied) if (said := _refused(copied, scenario, name)) is None else Copy(None, said)
 
 
 def _refused(tables: Mapping[str, Any], scenario: str, name: str) -> str | None:
@@ -174,31 +174,31 @@ Number = float | tuple[float, float]
 
 def numbers_of(loaded: Scenario) -> dict[Place, Number]:
     """All numbers of the closed loops that a page can change, in SI units."""
-    found: dict[Place, Number] = {(VALUES, n): v for n, v in _parameters(loaded).items()}
-    found |= {(TRUTH, n): float(v) for n, v in loaded.plant.items()}
+    numbers: dict[Place, Number] = {(VALUES, n): v for n, v in _parameters(loaded).items()}
+    numbers |= {(TRUTH, n): float(v) for n, v in loaded.plant.items()}
     for name in loaded.system.disturbance_names:
         size = loaded.disturbance.get(name)
         if size is None or size.is_Number:
-            found[DISTURBANCE, name] = 0.0 if size is None else float(size)
+            numbers[DISTURBANCE, name] = 0.0 if size is None else float(size)
     for kind in (UNIFORM, NORMAL):
         sizes = loaded.settings[f"noise_{kind}"]
-        found |= {(kind, n): float(sizes.get(n, 0.0)) for n in loaded.system.state_names}
-    found[DELAY, ""] = float(loaded.settings["delay"])
-    found |= {(DRAWS, n): (low, high) for n, (low, high) in loaded.varied.draws.items()}
-    return found
+        numbers |= {(kind, n): float(sizes.get(n, 0.0)) for n in loaded.system.state_names}
+    numbers[DELAY, ""] = float(loaded.settings["delay"])
+    numbers |= {(DRAWS, n): (low, high) for n, (low, high) in loaded.varied.draws.items()}
+    return numbers
 
 
 def rest_of(loaded: Scenario) -> object:
     """What else the runs depend on: equal where one loop serves both scenarios."""
     varied = replace(loaded.varied, draws=dict.fromkeys(loaded.varied.draws, (0.0, 1.0)))
     written = {n: e for n, e in loaded.disturbance.items() if not e.is_Number}
-    own = (loaded.system, loaded.model, loaded.law, loaded.region, loaded.goal, written, varied)
+    parts = (loaded.system, loaded.model, loaded.law, loaded.region, loaded.goal, written, varied)
     settings = {k: v for k, v in loaded.settings.items() if k not in MEASURED}
     safety = loaded.safety
-    kept = None
+    identity = None
     if safety is not None:  # the kernel is another one where it is computed for another vehicle
-        kept = (safety.kernel.name, safety.kernel.digest, repr(safety.spec), safety.tracking)
-    return substance(own), settings, loaded.starts, loaded.start_outside, kept
+        identity = (safety.kernel.name, safety.kernel.digest, repr(safety.spec), safety.tracking)
+    return substance(parts), settings, loaded.starts, loaded.start_outside, identity
 
 
 def keys_of(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, str]:
@@ -207,21 +207,21 @@ def keys_of(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str
     All keys are tried at once, and each for itself where that changes more.
     """
     _, _, tables = read_tables(scenario, changes)
-    own, rest = numbers_of(loaded), rest_of(loaded)
+    numbers, rest = numbers_of(loaded), rest_of(loaded)
     runs = loaded.starts.count if loaded.independent_runs else None
     keys = {}
     for table in TABLES:
         for name, key, value in _numbers_in(tables.get(table, {})):
-            if name not in keys and own.get((VALUES, name)) == value:
+            if name not in keys and numbers.get((VALUES, name)) == value:
                 keys[name] = f"{table}.{key}"
 
     def fits(names: Iterable[str]) -> bool:
-        others = {name: beside(_number(own[VALUES, name])) for name in names}
+        others = {name: beside(_number(numbers[VALUES, name])) for name in names}
         more = [f"{keys[n]}={v!r}" for n, v in others.items()]
         other = composed_quietly(scenario, [*changes, *more], runs)
         if not isinstance(other, Scenario) or rest_of(other) != rest:
             return False
-        return numbers_of(other) == own | {(VALUES, n): v for n, v in others.items()}
+        return numbers_of(other) == numbers | {(VALUES, n): v for n, v in others.items()}
 
     return keys if fits(keys) else {n: k for n, k in keys.items() if fits([n])}
 
@@ -234,10 +234,10 @@ def composed_quietly(
         with warnings.catch_warnings():
             for kind in (GainWarning, ModelWarning):
                 warnings.simplefilter("ignore", kind)
-            found = scenario_of(*read_tables(scenario, changes), runs)
+            composed = scenario_of(*read_tables(scenario, changes), runs)
     except HoldfastError:
         return None
-    return found if isinstance(found, Scenario) else None
+    return composed if isinstance(composed, Scenario) else None
 
 
 def beside(value: float) -> float:
@@ -258,12 +258,12 @@ def _parameters(loaded: Scenario) -> dict[str, float]:
 
 def _numbers_in(table: Any) -> Iterator[tuple[str, str, float]]:
     """The numbers of a table, and of its parameters, in SI units: name, key, value."""
-    own = table if isinstance(table, Mapping) else {}
-    named = [(name, name, value) for name, value in own.items()]
-    for name, value in own.get("parameters", {}).items():
-        told = isinstance(value, Mapping)
-        key = f"parameters.{name}" + (".value" if told else "")
-        named.append((name, key, value.get("value") if told else value))
+    entries = table if isinstance(table, Mapping) else {}
+    named = [(name, name, value) for name, value in entries.items()]
+    for name, value in entries.get("parameters", {}).items():
+        is_table = isinstance(value, Mapping)
+        key = f"parameters.{name}" + (".value" if is_table else "")
+        named.append((name, key, value.get("value") if is_table else value))
     for name, key, value in named:
         if isinstance(value, int | float | str) and not isinstance(value, bool):
             try:
@@ -379,8 +379,8 @@ def _with_copy(
     """
     if shown.slices is not None:
         return shown
-    given = {name: parse_expression(v, {}) for name, v in loaded.given.items()}
-    shown = replace(shown, system=loaded.system, disturbance=given)
+    disturbance = {name: parse_expression(v, {}) for name, v in loaded.given.items()}
+    shown = replace(shown, system=loaded.system, disturbance=disturbance)
     if shown.note:
         return replace(shown, uncopied="No file has the kernel as it is rounded here.")
     copy = copied_kernel(loaded, scenario, changes, shown.settings)
@@ -398,15 +398,15 @@ def of_loop(
             f"the law of '{scenario}' is commanded by another controller, which no page has",
             remedy="name the law in the file",
         )
-    kept = loaded.kept(progress)
-    starts, drawn = first_starts(kept)
+    ready = loaded.kept(progress)
+    starts, drawn = first_starts(ready)
     copy = copied_loop(loaded, scenario, changes)
-    own = {k: v for k, v in kept.settings.items() if k in Settings.__dataclass_fields__}
+    settings = {k: v for k, v in ready.settings.items() if k in Settings.__dataclass_fields__}
     return Explored(
-        name=kept.name, title=kept.title, source=kept.source, system=kept.system, law=kept.law,
+        name=ready.name, title=ready.title, source=ready.source, system=ready.system, law=ready.law,
         alone=_alone(loaded, scenario, changes),
-        region=kept.region, goal=kept.goal, disturbance=kept.disturbance, plant=kept.plant,
-        varied=kept.varied, settings=Settings(**own), stepper=kept.settings["stepper"],
+        region=ready.region, goal=ready.goal, disturbance=ready.disturbance, plant=ready.plant,
+        varied=ready.varied, settings=Settings(**settings), stepper=ready.settings["stepper"],
         plane=loaded.plane, starts=starts, drawn=drawn, keys=keys_of(loaded, scenario, changes),
         tables=copy.tables, fixed=copy.fixed,
     )  # fmt: skip
@@ -416,9 +416,9 @@ def first_starts(loaded: Scenario) -> tuple[Array, Array]:
     """The first starts of the scenario, and what is drawn for each of these runs."""
     count, step = min(loaded.runs, FAN), loaded.settings["sample_time"]
     brief = loaded.with_settings(horizon=step, record_every=step, delay=0.0)
-    found = brief.run(part=range(count) if loaded.independent_runs else None).arrays
+    arrays = brief.run(part=range(count) if loaded.independent_runs else None).arrays
     drawn = [*loaded.varied.draws, *loaded.varied.cases]
-    return found["state"].values[:, 0], found["varied"].values[:, : len(drawn)]
+    return arrays["state"].values[:, 0], arrays["varied"].values[:, : len(drawn)]
 
 
 def _alone(loaded: Scenario, scenario: str, changes: Sequence[str]) -> Law | Switching | None:
@@ -461,12 +461,12 @@ def _described(shown: Explored) -> dict[str, Any]:
         } | {"seed": str(settings.seed)},
         "variants": [
             {
-                "label": label, "modes": list(own.program.modes), "grid": own.grid,
-                "loop": {**own.described(), **_packed(own), "states": len(system.states)},
-                "values": {p.name: p.value for p in own.program.parameters},
-                "knobs": list(_knobs(shown, own.program.parameters)),
+                "label": label, "modes": list(variant.program.modes), "grid": variant.grid,
+                "loop": {**variant.described(), **_packed(variant), "states": len(system.states)},
+                "values": {p.name: p.value for p in variant.program.parameters},
+                "knobs": list(_knobs(shown, variant.program.parameters)),
             }
-            for label, own in loops.items()
+            for label, variant in loops.items()
         ],
         "plant": dict(shown.plant), "filters": FILTERS, "slices": _slices(shown),
         "starts": shown.starts.tolist(), "drawn": shown.drawn.tolist(), "tables": shown.tables,
@@ -510,14 +510,14 @@ def _packed(loop: WebLoop) -> dict[str, str]:
 
 def _table(shown: Explored) -> str:
     """The table of the sweep, compressed."""
-    found = _text(json.dumps(shown.sweep, allow_nan=False).encode())
-    if len(found) > MOST_BYTES:
+    text = _text(json.dumps(shown.sweep, allow_nan=False).encode())
+    if len(text) > MOST_BYTES:
         raise ScenarioError(
-            f"the table of the sweep has {len(found) / 2**20:.0f} MiB, compressed",
+            f"the table of the sweep has {len(text) / 2**20:.0f} MiB, compressed",
             expected=f"at most {MOST_BYTES / 2**20:.0f} MiB in a page",
             remedy="sweep fewer cells",
         )
-    return found
+    return text
 
 
 def _text(content: bytes) -> str:
@@ -530,8 +530,8 @@ def _quantity(q: Any) -> dict[str, Any]:
 
 def _given(shown: Explored) -> list[str]:
     """The disturbances that are numbers in a run: not given, or given as one."""
-    found = ((n, shown.disturbance.get(n)) for n in shown.system.disturbance_names)
-    return [n for n, e in found if e is None or e.is_Number]
+    pairs = ((n, shown.disturbance.get(n)) for n in shown.system.disturbance_names)
+    return [n for n, e in pairs if e is None or e.is_Number]
 
 
 def _most(shown: Explored) -> list[float | None]:
@@ -662,7 +662,7 @@ def explored_kernel(loaded: KernelScenario, progress: Progress | None = None) ->
 
 
 def _with_law(loaded: KernelScenario, value: ValueFunction) -> Explored:
-    known = decided(loaded.system, value)
+    system = decided(loaded.system, value)
     shown, note = _thinned(value)
     step = float((loaded.promised or {}).get("sample_time", SAMPLE_TIME))
     drawn = loaded.law is None  # the table of the optimal inputs is the set's own
@@ -676,7 +676,13 @@ def _with_law(loaded: KernelScenario, value: ValueFunction) -> Explored:
         until_goal=loaded.goal is not None,
     )  # fmt: skip
     return _explored(
-        loaded, system=known, law=law, alone=loaded.law, settings=settings, starts=starts, note=note
+        loaded,
+        system=system,
+        law=law,
+        alone=loaded.law,
+        settings=settings,
+        starts=starts,
+        note=note,
     )
 
 
@@ -696,13 +702,13 @@ def _kernel_alone(loaded: KernelScenario, value: ValueFunction, reason: str) -> 
     )  # fmt: skip
 
 
-def _explored(loaded: KernelScenario, starts: Array, **own: Any) -> Explored:
+def _explored(loaded: KernelScenario, starts: Array, **rest: Any) -> Explored:
     names = loaded.system.state_names
     return Explored(
         name=loaded.name, title=loaded.title, source=loaded.source,
         region=loaded.region, goal=loaded.goal, disturbance={}, plant={}, varied=Varied(),
         stepper="rk4", plane=loaded.figures.plane or (names[0], names[1]), starts=starts,
-        drawn=np.empty((len(starts), 0)), keys={}, tables=None, **own,
+        drawn=np.empty((len(starts), 0)), keys={}, tables=None, **rest,
     )  # fmt: skip
 
 

@@ -60,14 +60,14 @@ class _Swept:
 
     def cell(self, number: int, more: Sequence[str] = ()) -> Scenario | None:
         """The closed loops of a cell, with more overrides; None where they are refused."""
-        own = [f"{key}={value}" for key, value in self.texts[number].items()]
-        return composed_quietly(self.scenario, [*self.changes, *own, *more], self.runs)
+        settings = [f"{key}={value}" for key, value in self.texts[number].items()]
+        return composed_quietly(self.scenario, [*self.changes, *settings, *more], self.runs)
 
     def alone(self, number: int) -> str:
         """What to do where the cells have no page together."""
-        own = str(self.found.dataset["settings"].values.ravel()[number])
+        settings = str(self.found.dataset["settings"].values.ravel()[number])
         common = "".join(f"--set {shlex.quote(change)} " for change in self.changes)
-        return f"explore one cell: holdfast explore {shlex.quote(self.scenario)} {common}{own}"
+        return f"explore one cell: holdfast explore {shlex.quote(self.scenario)} {common}{settings}"
 
 
 def sweep_file(scenario: str) -> Path | None:
@@ -100,7 +100,7 @@ def explored_sweep(
     places = {key: _place(swept, key) for key in numbers}
     _check(swept, places, numbers)
     shown = of_loop(swept.loaded, swept.scenario, swept.changes, progress)
-    own = {place[1]: key for key, place in places.items() if place[0] == VALUES}
+    keys = {place[1]: key for key, place in places.items() if place[0] == VALUES}
     delays = [numbers[key].max() for key, place in places.items() if place[0] == DELAY]
     written = str(swept.found.dataset.attrs["holdfast_version"])
     note = f"The table is of holdfast {written}, the page of {__version__}."
@@ -112,7 +112,7 @@ def explored_sweep(
         **_starts(swept, places, shown.starts),
     }
     return replace(
-        shown, keys={**own, **shown.keys}, sweep=table, latest=max(delays, default=0.0),
+        shown, keys={**keys, **shown.keys}, sweep=table, latest=max(delays, default=0.0),
         note=shown.note if written == __version__ else note,
     )  # fmt: skip
 
@@ -131,15 +131,15 @@ def _legible(path: Path) -> Iterator[None]:
 def _opened(path: Path) -> _Swept:
     if not path.exists():
         raise OutputError(f"{path}: there is no such file", expected="the sweep.nc of a sweep")
-    found = load(path)
-    if not isinstance(found, Campaign):
+    campaign = load(path)
+    if not isinstance(campaign, Campaign):
         raise ScenarioError(f"{path} is not the table of a sweep", expected="the file sweep.nc")
-    if ASKED not in found.dataset.attrs:
+    if ASKED not in campaign.dataset.attrs:
         raise ScenarioError(
             f"{path} does not say which scenario was swept; a former holdfast wrote it",
             remedy="repeat the sweep",
         )
-    asked = json.loads(found.dataset.attrs[ASKED])
+    asked = json.loads(campaign.dataset.attrs[ASKED])
     scenario, seed = str(asked["scenario"]), asked["seed"]
     try:
         _, text, data = read_tables(scenario, asked["overrides"])
@@ -160,17 +160,17 @@ def _opened(path: Path) -> _Swept:
             f"{path}: every cell has a {loaded.kind} of its own, which takes longer than a page",
             remedy="explore one cell: holdfast explore SCENARIO --set KEY=VALUE",
         )
-    texts = tuple(_texts(str(t)) for t in found.dataset["settings"].values.ravel())
-    swept = _Swept(path, found, scenario, tuple(changes), asked["runs"], loaded, texts)
+    texts = tuple(_texts(str(t)) for t in campaign.dataset["settings"].values.ravel())
+    swept = _Swept(path, campaign, scenario, tuple(changes), asked["runs"], loaded, texts)
     if not swept.good:
-        raise ScenarioError(f"{path}: every cell was refused: {found.notes[0]}")
+        raise ScenarioError(f"{path}: every cell was refused: {campaign.notes[0]}")
     return swept
 
 
 def _texts(settings: str) -> dict[str, str]:
     """Key -> the text of its value, of the overrides of a cell."""
-    given = (word.partition("=") for word in shlex.split(settings) if word != "--set")
-    return {key: value for key, _, value in given}
+    pairs = (word.partition("=") for word in shlex.split(settings) if word != "--set")
+    return {key: value for key, _, value in pairs}
 
 
 def _number(text: str) -> float:
@@ -185,9 +185,9 @@ def _place(swept: _Swept, key: str) -> Place:
     text = swept.texts[first][key]
     other = repr(beside(_number(text)))
     near = swept.cell(first, [f"{key}={f'[{other}, {other}]' if text.startswith('[') else other}"])
-    own = swept.cell(first)
-    if own is not None and near is not None and rest_of(near) == rest_of(own):
-        before = numbers_of(own)
+    cell = swept.cell(first)
+    if cell is not None and near is not None and rest_of(near) == rest_of(cell):
+        before = numbers_of(cell)
         changed = [place for place, value in numbers_of(near).items() if before[place] != value]
         if len(changed) == 1:
             return changed[0]
@@ -220,14 +220,14 @@ def _check(swept: _Swept, places: Mapping[str, Place], numbers: Mapping[str, Arr
 
 
 def _table(swept: _Swept) -> dict[str, Any]:
-    found, data = swept.found, swept.found.dataset
+    campaign, data = swept.found, swept.found.dataset
     axes = [
         {
-            "name": name, "key": found.keys[name], "label": data[name].attrs["long_name"],
+            "name": name, "key": campaign.keys[name], "label": data[name].attrs["long_name"],
             "unit": data[name].attrs["units"], "log": data[name].attrs.get("spacing") == "log",
             "values": data[name].values.tolist(),
         }
-        for name in found.names
+        for name in campaign.names
     ]  # fmt: skip
     variables = [
         {
@@ -238,8 +238,8 @@ def _table(swept: _Swept) -> dict[str, Any]:
         if name not in TEXTS
     ]  # fmt: skip
     return {
-        "axes": axes, "grid": found.is_grid, "variables": variables,
-        "shown": str(found.variable().name), "notes": data["note"].values.ravel().tolist(),
+        "axes": axes, "grid": campaign.is_grid, "variables": variables,
+        "shown": str(campaign.variable().name), "notes": data["note"].values.ravel().tolist(),
         "settings": data["settings"].values.ravel().tolist(), "command": data.attrs["command"],
     }  # fmt: skip
 
@@ -248,7 +248,7 @@ def _plain(values: Array) -> list[float | None]:
     return [float(v) if np.isfinite(v) else None for v in values.ravel()]
 
 
-def _starts(swept: _Swept, places: Mapping[str, Place], own: Array) -> dict[str, Any]:
+def _starts(swept: _Swept, places: Mapping[str, Place], shown_starts: Array) -> dict[str, Any]:
     """The starts of the cells, where a swept number decides which states lie in the region."""
     region = swept.loaded.region
     used = {
@@ -256,16 +256,16 @@ def _starts(swept: _Swept, places: Mapping[str, Place], own: Array) -> dict[str,
     }
     deciding = [key for key, (group, name) in places.items() if group == VALUES and name in used]
     groups: dict[tuple[str, ...], int] = {}
-    found: list[Array] = []
+    distinct: list[Array] = []
     of = [-1] * len(swept.texts)
     for number in swept.good if deciding else ():
         group = tuple(swept.texts[number][key] for key in deciding)
         if group not in groups:
             cell = swept.cell(number)
             assert cell is not None
-            groups[group] = len(found)
-            found.append(first_starts(cell.kept())[0])
+            groups[group] = len(distinct)
+            distinct.append(first_starts(cell.kept())[0])
         of[number] = groups[group]
-    if all(np.array_equal(starts, own) for starts in found):
+    if all(np.array_equal(starts, shown_starts) for starts in distinct):
         return {}
-    return {"starts": [starts.tolist() for starts in found], "starts_of": of}
+    return {"starts": [starts.tolist() for starts in distinct], "starts_of": of}

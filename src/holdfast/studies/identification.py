@@ -75,28 +75,28 @@ def subject_of(name: str, overrides: Iterable[str] = ()) -> Subject:
     if name in catalogue:
         return Subject(load_system(name, changes), _vehicle_of(name, changes), "", ())
     if name not in scenario_names() and not name.endswith(".toml"):
-        known = [*vehicle_names(), *catalogue, *scenario_names()]
+        names = [*vehicle_names(), *catalogue, *scenario_names()]
         raise ScenarioError(
             f"no vehicle, system, scenario or file is called '{name}'",
-            remedy=suggestion(name, known),
+            remedy=suggestion(name, names),
         )
     table = read_tables(name, changes)[2].get("system")
     if not isinstance(table, Mapping):
         raise ScenarioError(f"{name}: no table [system]")
     dropped = [f"system.{key}=" for key in REDUCTIONS if key in table]
     whole = load_system(name, (*changes, *dropped))
-    own = str(table.get("vehicle", "")) or _vehicle_of(str(table.get("name", "")), ())
-    return Subject(whole, own, name, changes)
+    vehicle = str(table.get("vehicle", "")) or _vehicle_of(str(table.get("name", "")), ())
+    return Subject(whole, vehicle, name, changes)
 
 
 def _vehicle_of(name: str, changes: Iterable[str]) -> str:
     """The vehicle of a system of the catalogue, "" where it has none."""
-    given = [c.partition("=")[2].strip("\"' ") for c in changes if c.startswith("vehicle=")]
+    vehicles = [c.partition("=")[2].strip("\"' ") for c in changes if c.startswith("vehicle=")]
     function = next((f for f in systems.ALL if f.__name__ == name), None)
     taken = inspect.signature(function).parameters if function else {}
     if "vehicle" not in taken:
         return ""
-    return given[-1] if given else str(taken["vehicle"].default)
+    return vehicles[-1] if vehicles else str(taken["vehicle"].default)
 
 
 def _is_vehicle(name: str) -> bool:
@@ -109,7 +109,7 @@ def _is_vehicle(name: str) -> bool:
         return False
 
 
-def vehicle_with(found: Identified, subject: Subject) -> str:
+def vehicle_with(identified: Identified, subject: Subject) -> str:
     """The text of the vehicle's file with the numbers of the log; "" without such a file."""
     if not subject.vehicle:
         return ""
@@ -117,19 +117,21 @@ def vehicle_with(found: Identified, subject: Subject) -> str:
         e.name: Number(
             _rounded(e.value),
             e.unit,
-            f"identified from {found.log}: {100 * found.level:g} % from {e.low:.4g} to {e.high:.4g}"
-            + (f", {e.status}" if e.status != "identified" else ""),
+            f"identified from {identified.log}: {100 * identified.level:g} % from "
+            f"{e.low:.4g} to {e.high:.4g}" + (f", {e.status}" if e.status != "identified" else ""),
         )
-        for e in found.parameters
-        if e.name in found.values
+        for e in identified.parameters
+        if e.name in identified.values
     }
     filed = {p.name: p.value for p in load_system_of(subject).parameters}
-    for p in found.system.parameters:  # with which the others were found
+    for p in identified.system.parameters:  # with which the others were found
         if p.name not in numbers and p.value != filed.get(p.name, p.value):
-            source = f"given, when others were identified from {found.log}"
+            source = f"given, when others were identified from {identified.log}"
             numbers[p.name] = Number(_rounded(p.value), p.unit, source)
     return numbered_vehicle(
-        subject.vehicle, numbers, f"Numbers identified from {found.log}: see identification.json."
+        subject.vehicle,
+        numbers,
+        f"Numbers identified from {identified.log}: see identification.json.",
     )
 
 
@@ -139,14 +141,14 @@ def load_system_of(subject: Subject) -> System:
     return load_system(kind, (f'vehicle="{subject.vehicle}"',))
 
 
-def scenario_with(found: Identified, subject: Subject) -> tuple[str, tuple[str, ...]]:
+def scenario_with(identified: Identified, subject: Subject) -> tuple[str, tuple[str, ...]]:
     """The text of the scenario with the numbers and the bound of the log; what it cannot count.
 
     The names are of states that the scenario has no rate of, such as those that are promoted to
     inputs. Raises `ScenarioError` where the scenario refuses the numbers.
     """
     reduced = load_system(subject.scenario, (*subject.overrides, "system.unmodelled="))
-    left = found.unexplained
+    left = identified.unexplained
     counted = {
         n: [_rounded(a), _rounded(b)]
         for n, a, b in zip(left.names, left.low, left.high, strict=True)
@@ -155,9 +157,9 @@ def scenario_with(found: Identified, subject: Subject) -> tuple[str, tuple[str, 
     changes = list(subject.overrides)
     if not subject.vehicle:
         table = read_tables(subject.scenario, subject.overrides)[2]["system"]
-        own = table.get("parameters", {})
-        for name, value in found.values.items():
-            key = f"parameters.{name}.value" if name in own else name
+        declared = table.get("parameters", {})
+        for name, value in identified.values.items():
+            key = f"parameters.{name}.value" if name in declared else name
             changes.append(f"system.{key}={_rounded(value)!r}")
     changes.append("system.unmodelled=")
     document: Any = tomlkit.parse(edited_text(subject.scenario, changes))
@@ -176,27 +178,27 @@ def scenario_with(found: Identified, subject: Subject) -> tuple[str, tuple[str, 
 
 
 def write_identified(
-    found: Identified, subject: Subject, folder: Path, *, figures: bool
+    identified: Identified, subject: Subject, folder: Path, *, figures: bool
 ) -> list[Path]:
     """identification.json and its page, and where there are such the vehicle and the scenario."""
     make_folder(folder)
-    files = [write_summary(folder / "identification.json", found.summary())]
-    if text := vehicle_with(found, subject):
+    files = [write_summary(folder / "identification.json", identified.summary())]
+    if text := vehicle_with(identified, subject):
         files.append(write_text(folder / VEHICLE, text))
     if subject.scenario:
-        files.append(write_text(folder / SCENARIO, scenario_with(found, subject)[0]))
+        files.append(write_text(folder / SCENARIO, scenario_with(identified, subject)[0]))
     if figures:
         from holdfast.presentation.figures import style
         from holdfast.presentation.studies.identification import identification_figure
 
-        files += style.write(identification_figure(found), folder, "identification")
+        files += style.write(identification_figure(identified), folder, "identification")
     return files
 
 
 def measured_expressions(system: System, texts: Mapping[str, str]) -> dict[str, Any]:
     """What signals measure, from texts of states, disturbances and parameters."""
-    known = {q.name: q.symbol for q in (*system.states, *system.disturbances, *system.parameters)}
-    return {name: parse_expression(text, known) for name, text in texts.items()}
+    symbols = {q.name: q.symbol for q in (*system.states, *system.disturbances, *system.parameters)}
+    return {name: parse_expression(text, symbols) for name, text in texts.items()}
 
 
 Row = tuple[str, float, float, float]
@@ -228,7 +230,7 @@ class Redrawn:
 
 
 def redrawn(
-    found: Identified,
+    identified: Identified,
     subject: Subject,
     folder: Path,
     *,
@@ -246,7 +248,7 @@ def redrawn(
     `write_identified` has written the scenario to `folder`.
     """
     tell = progress or (lambda what, share: None)
-    missing = scenario_with(found, subject)[1]
+    missing = scenario_with(identified, subject)[1]
     path = str(folder / SCENARIO)
     tell("scenario with its own numbers", 0.0)
     before = load_scenario(subject.scenario, subject.overrides, runs, seed)
@@ -268,15 +270,15 @@ def redrawn(
         rows.append(("runs that reach the goal", first, second, count))
     worst = read_tables(path)[2].get("safeguard", {}).get("worst", [])
     if worst:
-        kept = [0, 0]
+        counts = [0, 0]
         corners = list(_corners(path, worst))
         for k, corner in enumerate(corners):
             for which, less in enumerate((("safeguard.worst=",), ())):
                 loaded = load_scenario(path, (*corner, *less), runs, seed)
-                kept[which] += int(loaded.run().viable)
+                counts[which] += int(loaded.run().viable)
                 tell("corners of the bound", 0.6 + 0.4 * (k + 1) / len(corners))
         what = "the same, the bound at its corners; before: the filter does not count it"
-        rows.append((what, kept[0], kept[1], count * len(corners)))
+        rows.append((what, counts[0], counts[1], count * len(corners)))
     more, why = _margins(subject, path, _place_at_rest, tell) if margins else ([], NOT_ASKED)
     return Redrawn((*rows, *more), missing, why), files
 
@@ -300,17 +302,17 @@ def _margins(
 
 def _largest_current(scenario: str, overrides: Iterable[str]) -> dict[str, tuple[float, float]]:
     """The largest current that leaves a kernel, NaN where none does."""
-    found = disturbance_margin(scenario, overrides=overrides)
-    low = math.nan if found.low is None else found.low
-    return {f"largest {found.name} that leaves a kernel [{found.unit}]": (low, math.nan)}
+    margin = disturbance_margin(scenario, overrides=overrides)
+    low = math.nan if margin.low is None else margin.low
+    return {f"largest {margin.name} that leaves a kernel [{margin.unit}]": (low, math.nan)}
 
 
 def _place_at_rest(scenario: str, overrides: Iterable[str]) -> dict[str, tuple[float, float]]:
     """In how many of the disturbances there is a place at rest, and the least margin of one."""
-    found = resting_places(load_scenario(scenario, overrides), DRAWS)
-    margins = [f.margin for f in found.found if f.exists]
+    resting = resting_places(load_scenario(scenario, overrides), DRAWS)
+    margins = [f.margin for f in resting.found if f.exists]
     return {
-        "disturbances that leave a place at rest": (len(margins), len(found.found)),
+        "disturbances that leave a place at rest": (len(margins), len(resting.found)),
         "the least margin of such a place": (min(margins, default=math.nan), math.nan),
     }
 

@@ -47,7 +47,7 @@ def judged_law(
             f"the inputs of '{scenario}' follow the state at every instant",
             expected="run.continuous = false",
         )
-    known = without_bounds(loaded)
+    disturbance = without_bounds(loaded)
     with at(loaded.file, "law"):
         return judge_law(
             loaded.system,
@@ -59,7 +59,7 @@ def judged_law(
             horizon=horizon,
             inputs=inputs,
             uncertain=uncertain,
-            disturbance=known,
+            disturbance=disturbance,
             errors=errors,
             delay=float(run.get("delay", 0.0)) if delay is None else delay,
             progress=progress,
@@ -165,7 +165,7 @@ def without_bounds(loaded: Scenario) -> dict[str, float]:
 
     Raises `SimulationError` for one that varies.
     """
-    known: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     if loaded.system.disturbance_bounds is None:
         for name in loaded.system.disturbance_names:
             number = loaded.disturbance.get(name, 0)
@@ -174,5 +174,5 @@ def without_bounds(loaded: Scenario) -> dict[str, float]:
                     f"the disturbance '{name}' varies and has no bounds",
                     remedy="give it bounds in [system]",
                 )
-            known[name] = float(number)
-    return known
+            numbers[name] = float(number)
+    return numbers

@@ -46,7 +46,7 @@ class Knob:
     limit: float = math.inf
 
 
-def find_knob(own: Scenario | KernelScenario, data: Mapping[str, Any], name: str) -> Knob:
+def find_knob(scenario: Scenario | KernelScenario, data: Mapping[str, Any], name: str) -> Knob:
     """The parameter of that name: "current.speed", a key of the tables, or its last part if unique.
 
     current.speed is the speed of the prescribed current, in its direction, together with the value
@@ -56,18 +56,18 @@ def find_knob(own: Scenario | KernelScenario, data: Mapping[str, Any], name: str
     Raises `ScenarioError` for an unknown name, or one that several keys end in.
     """
     if name == CURRENT:
-        return _current(own, data)
-    known = dict(_numbers(data, ""))
-    key = name if name in known or "." in name else _whole_key(own, known, name)
+        return _current(scenario, data)
+    numbers = dict(_numbers(data, ""))
+    key = name if name in numbers or "." in name else _whole_key(scenario, numbers, name)
     last = last_part(key)
-    parameters = {q.name: q for q in own.system.parameters}
-    value = known.get(key)
+    parameters = {q.name: q for q in scenario.system.parameters}
+    value = numbers.get(key)
     if value is None and key == f"system.{last}" and last in parameters:
         value = parameters[last].value
-    return Knob(key, last.replace("_", " "), _unit(own, key), value, _setting(data, key))
+    return Knob(key, last.replace("_", " "), _unit(scenario, key), value, _setting(data, key))
 
 
-def check_number(own: Scenario | KernelScenario, data: Mapping[str, Any], knob: Knob) -> float:
+def check_number(scenario: Scenario | KernelScenario, data: Mapping[str, Any], knob: Knob) -> float:
     """Its value in the scenario; `ScenarioError` if that is not a number."""
     if knob.own is not None:
         return knob.own
@@ -75,10 +75,12 @@ def check_number(own: Scenario | KernelScenario, data: Mapping[str, Any], knob: 
     for part in knob.key.split("."):
         table = table.get(part) if isinstance(table, Mapping) else None
     if table is None:
-        known = [CURRENT, *(key for key, _ in _numbers(data, ""))]
-        raise ScenarioError(f"{own.file}: no key '{knob.key}'", remedy=suggestion(knob.key, known))
+        keys = [CURRENT, *(key for key, _ in _numbers(data, ""))]
+        raise ScenarioError(
+            f"{scenario.file}: no key '{knob.key}'", remedy=suggestion(knob.key, keys)
+        )
     raise ScenarioError(
-        f"{own.file}: {knob.key}: {table!r} is not a number", expected="the key of a number"
+        f"{scenario.file}: {knob.key}: {table!r} is not a number", expected="the key of a number"
     )
 
 
@@ -97,22 +99,24 @@ def _setting(data: Mapping[str, Any], key: str) -> Callable[[Value], tuple[str, 
     return lambda value: (f"{key}={shown(value)}",)
 
 
-def _whole_key(own: Scenario | KernelScenario, known: Mapping[str, float | None], name: str) -> str:
+def _whole_key(
+    scenario: Scenario | KernelScenario, numbers: Mapping[str, float | None], name: str
+) -> str:
     """The unique key that ends in that name, in the file or among its entries' parameters."""
-    found = {key for key in known if last_part(key) == name}
+    keys = {key for key in numbers if last_part(key) == name}
     for kind in ("system", "law", "region", "goal"):
-        built = getattr(own, kind)
+        built = getattr(scenario, kind)
         if built is not None and name in {q.name for q in built.parameters}:
-            found.add(f"{kind}.{name}")
-    written = {key for key in found if key in known}
-    if len(written or found) == 1:
-        return next(iter(written or found))
-    if not found:
-        ends = {CURRENT, *known, *(n for n in map(last_part, known) if not n.isdecimal())}
-        raise ScenarioError(f"{own.file}: no key '{name}'", remedy=suggestion(name, ends))
+            keys.add(f"{kind}.{name}")
+    written = {key for key in keys if key in numbers}
+    if len(written or keys) == 1:
+        return next(iter(written or keys))
+    if not keys:
+        ends = {CURRENT, *numbers, *(n for n in map(last_part, numbers) if not n.isdecimal())}
+        raise ScenarioError(f"{scenario.file}: no key '{name}'", remedy=suggestion(name, ends))
     raise ScenarioError(
-        f"{own.file}: '{name}' is the end of several keys",
-        expected="one of " + ", ".join(sorted(written or found)),
+        f"{scenario.file}: '{name}' is the end of several keys",
+        expected="one of " + ", ".join(sorted(written or keys)),
     )
 
 
@@ -122,57 +126,59 @@ def last_part(key: str) -> str:
     return parts[-1] if parts else key
 
 
-def _unit(own: Scenario | KernelScenario, key: str) -> str:
+def _unit(scenario: Scenario | KernelScenario, key: str) -> str:
     first, _, rest = key.partition(".")
     if first in ("run", "march") and rest in TIMES:
         return "s"
-    kinds = (own.system, own.law, own.region, own.goal)
+    kinds = (scenario.system, scenario.law, scenario.region, scenario.goal)
     units = {q.name: q.unit for part in kinds if part is not None for q in part.parameters}
-    units |= {q.name: q.unit for q in (*own.system.states, *own.system.disturbances)}
-    if isinstance(own, Scenario):
-        units |= own.varied.units
+    units |= {q.name: q.unit for q in (*scenario.system.states, *scenario.system.disturbances)}
+    if isinstance(scenario, Scenario):
+        units |= scenario.varied.units
     return units.get(last_part(key), "1")
 
 
-def _current(own: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
-    felt = {n: own.given[n] for n in VELOCITIES if n in own.given}
+def _current(scenario: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
+    felt = {n: scenario.given[n] for n in VELOCITIES if n in scenario.given}
     if not felt:
-        return _largest_current(own)
+        return _largest_current(scenario)
     size = norm(felt.values())
     named = multiple_of_name(size)
     if named is not None:
         factor, name = named
-        return _made_of(find_knob(own, data, _owner(data, name)), factor)
+        return _made_of(find_knob(scenario, data, _owner(data, name)), factor)
     speed = constant(size)
     if speed is None:
         raise ScenarioError(
-            f"{own.file}: disturbance: the speed of the current is {size}",
+            f"{scenario.file}: disturbance: the speed of the current is {size}",
             expected="a number, or the name of one",
             remedy="name the key of a number",
         )
     if not speed:
         raise ScenarioError(
-            f"{own.file}: disturbance: the prescribed current is zero and has no direction",
+            f"{scenario.file}: disturbance: the prescribed current is zero and has no direction",
             remedy="give it a speed: --set disturbance.Vy=0.1",
         )
     shares = {f"disturbance.{n}": float(e) / speed for n, e in felt.items()}
     law = data.get("law", {})
-    for told, n in zip(TOLD, VELOCITIES, strict=True):
-        value = law.get(told)
+    for parameter, n in zip(TOLD, VELOCITIES, strict=True):
+        value = law.get(parameter)
         if isinstance(value, int | float) and value == felt.get(n, 0):
-            shares[f"law.{told}"] = float(value) / speed
+            shares[f"law.{parameter}"] = float(value) / speed
 
     def settings(value: Value) -> tuple[str, ...]:
         wanted = in_base_units(value)
         return tuple(f"{key}={wanted * share!r}" for key, share in shares.items())
 
-    return Knob(CURRENT, "current", "m/s", speed, settings, _limit(own, felt, speed))
+    return Knob(CURRENT, "current", "m/s", speed, settings, _limit(scenario, felt, speed))
 
 
-def _limit(own: Scenario | KernelScenario, felt: Mapping[str, Expression], speed: float) -> float:
+def _limit(
+    scenario: Scenario | KernelScenario, felt: Mapping[str, Expression], speed: float
+) -> float:
     """The largest speed in that direction that the bounds of the system allow a kernel."""
-    if isinstance(own, KernelScenario):
-        return speed * largest_factor(own.system, felt)
+    if isinstance(scenario, KernelScenario):
+        return speed * largest_factor(scenario.system, felt)
     return math.inf
 
 
@@ -180,9 +186,9 @@ def _made_of(number: Knob, factor: float) -> Knob:
     """The speed of a current that is `factor` times a number."""
     if math.isclose(factor, 1.0):
         return replace(number, key=CURRENT, name="current", unit="m/s")
-    own = None if number.own is None else number.own * factor
+    speed = None if number.own is None else number.own * factor
     return Knob(
-        CURRENT, "current", "m/s", own, lambda v: number.settings(in_base_units(v) / factor)
+        CURRENT, "current", "m/s", speed, lambda v: number.settings(in_base_units(v) / factor)
     )
 
 
@@ -191,14 +197,14 @@ def _owner(data: Mapping[str, Any], name: str) -> str:
     return f"{DRAWS}{name}" if f"{DRAWS}{name}" in dict(_numbers(data, "")) else name
 
 
-def _largest_current(own: Scenario | KernelScenario) -> Knob:
+def _largest_current(scenario: Scenario | KernelScenario) -> Knob:
     """The bound of an unknown current of a kernel."""
-    limits = [q for q in own.system.parameters if q.name == LIMIT]
-    felt = own.system.disturbance_bounds
+    limits = [q for q in scenario.system.parameters if q.name == LIMIT]
+    felt = scenario.system.disturbance_bounds
     bounded = limits and felt is not None and limits[0].symbol in felt.free_symbols
-    if not (bounded and isinstance(own, KernelScenario)):
+    if not (bounded and isinstance(scenario, KernelScenario)):
         raise ScenarioError(
-            f"{own.file}: system '{own.system.name}' has no current",
+            f"{scenario.file}: system '{scenario.system.name}' has no current",
             expected=f"disturbances {' and '.join(VELOCITIES)} in [disturbance], or '{LIMIT}'",
             remedy="prescribe one: --set disturbance.Vy=0.1"
             if bounded

@@ -98,28 +98,28 @@ def read_over(
     return Over(name, tuple(float(f"{v:.12g}") for v in spaced), unit, log)  # 0.15, as written
 
 
-def _count(shown: str, given: str) -> int:
-    if not given.isdecimal() or not 2 <= int(given) <= MOST_CELLS:
+def _count(shown: str, text: str) -> int:
+    if not text.isdecimal() or not 2 <= int(text) <= MOST_CELLS:
         raise ScenarioError(
-            f"{shown}: got '{given}' values",
+            f"{shown}: got '{text}' values",
             expected="a whole number, at least 2",
             remedy="for one value use --set",
         )
-    return int(given)
+    return int(text)
 
 
 def _values(shown: str, parts: Sequence[str], expected: str) -> tuple[list[float], str]:
-    found, units = [], set()
+    numbers, units = [], set()
     for part in parts:
         number, unit = split(part) or (math.nan, "")
         if not math.isfinite(number):
             raise ScenarioError(f"{shown}: '{part}' is not a number", expected=expected)
-        found.append(number)
+        numbers.append(number)
         if unit:
             units.add(unit)
     if len(units) > 1:
         raise ScenarioError(f"{shown}: mixes {' and '.join(sorted(units))}", expected="one unit")
-    return found, units.pop() if units else ""
+    return numbers, units.pop() if units else ""
 
 
 def grid_cells(axes: Sequence[Over]) -> Array:
@@ -230,16 +230,16 @@ def check_variable(name: str | None, answer: Mapping[str, Any]) -> None:
     if name in (None, REFUSED) or "numbers" not in answer:
         return
     entries = from_table(answer["numbers"]).items()
-    known = [column for entry_name, e in entries for column, *_ in e.numbers(entry_name)]
-    if name not in known:
+    columns = [column for entry_name, e in entries for column, *_ in e.numbers(entry_name)]
+    if name not in columns:
         raise OutputError(
-            f"a campaign has no '{name}'", remedy=suggestion(str(name), [*known, REFUSED])
+            f"a campaign has no '{name}'", remedy=suggestion(str(name), [*columns, REFUSED])
         )
 
 
 def _text_column(texts: Sequence[str]) -> np.ndarray[Any, np.dtype[np.str_]]:
-    found = np.array(texts, dtype=str)
-    return found if found.dtype.itemsize else found.astype("<U1")
+    column = np.array(texts, dtype=str)
+    return column if column.dtype.itemsize else column.astype("<U1")
 
 
 @dataclass(frozen=True)
@@ -347,9 +347,9 @@ class Store:
             "SELECT number, answer FROM part WHERE campaign = ? AND cell = ?",
             (self.campaign, cell),
         )
-        found = {number: json.loads(text) for number, text in rows}
-        found |= self.failed.get(cell, {})
-        return [found[number] for number in sorted(found)]
+        by_number = {number: json.loads(text) for number, text in rows}
+        by_number |= self.failed.get(cell, {})
+        return [by_number[number] for number in sorted(by_number)]
 
 
 @contextmanager
@@ -427,15 +427,15 @@ def sweep(
     """
     overrides = tuple(overrides)
     shown, text, data = read_tables(scenario, overrides)
-    own = scenario_of(shown, text, data, runs, seed)
-    read = [read_over(given, latin=latin is not None) for given in over]
+    loaded = scenario_of(shown, text, data, runs, seed)
+    read = [read_over(entry, latin=latin is not None) for entry in over]
     if not read:
         raise ScenarioError("a sweep needs at least one axis", expected="--over KEY=LOW:HIGH:COUNT")
-    axes = _axes(own, data, read)
-    cells = grid_cells(read) if latin is None else latin_cells(read, latin, own.seed)
+    axes = _axes(loaded, data, read)
+    cells = grid_cells(read) if latin is None else latin_cells(read, latin, loaded.seed)
     settings = [_settings(axes, cell) for cell in cells]
     _check_some(shown, data, [settings[k] for k in (0, -1, len(cells) // 2)], runs, seed)
-    total = own.independent_runs
+    total = loaded.independent_runs
     parts = max(1, -(-total // PART))
     if len(cells) * parts > MOST_PARTS:
         raise ScenarioError(
@@ -448,15 +448,15 @@ def sweep(
         make_folder(folder)
     with ExitStack() as stack:
         place = folder / CELLS_FILE if folder is not None else None
-        kept = stack.enter_context(store(place, _digest(data, settings, runs, seed)))
-        there = kept.finished()
+        stored = stack.enter_context(store(place, _digest(data, settings, runs, seed)))
+        there = stored.finished()
         keys = ((cell, part) for cell in range(len(cells)) for part in range(parts))
         missing = [key for key in keys if key not in there]
-        at_once = workers or (1 if own.uses_all_cores else available_cores())
+        at_once = workers or (1 if loaded.uses_all_cores else available_cores())
         threads = 0
         if missing and executor is None:
             at_once = min(at_once, len(missing))
-            threads = 0 if own.uses_all_cores else available_cores() // at_once or 1
+            threads = 0 if loaded.uses_all_cores else available_cores() // at_once or 1
             executor = stack.enter_context(processes(at_once))
 
         def part(key: Key) -> Part:
@@ -475,31 +475,31 @@ def sweep(
         asked = ((key, part(key)) for key in missing)
         if executor is not None:
             for key, answer in answers(executor, run_part, asked, 2 * at_once, tell):
-                kept.put(key, answer)
+                stored.put(key, answer)
                 there.add(key)
-                if isinstance(own, Scenario):  # its numbers depend on emptiness
+                if isinstance(loaded, Scenario):  # its numbers depend on emptiness
                     check_variable(show, answer)
                 tell()
-        found = [kept.answers(cell) for cell in range(len(cells))]
+        by_cell = [stored.answers(cell) for cell in range(len(cells))]
     attributes = {
-        "title": own.title, "scenario": own.name, "kind": own.kind, "scenario_text": text,
-        "seed": str(own.seed), "command": _command(scenario, overrides, runs, seed),
+        "title": loaded.title, "scenario": loaded.name, "kind": loaded.kind, "scenario_text": text,
+        "seed": str(loaded.seed), "command": _command(scenario, overrides, runs, seed),
         ASKED: json.dumps({
             "scenario": scenario, "overrides": overrides, "runs": runs, "seed": seed,
             "digest": content_digest(text, data),
         }),
     }  # fmt: skip
-    shown_settings = [_shown(given) for given in settings]
+    shown_settings = [_shown(entry) for entry in settings]
     return Campaign(
         campaign_table(
-            axes, cells, shown_settings, found, grid=latin is None, attributes=attributes
+            axes, cells, shown_settings, by_cell, grid=latin is None, attributes=attributes
         )
     )
 
 
-def _axes(own: Any, data: Mapping[str, Any], read: Sequence[Over]) -> list[Axis]:
+def _axes(loaded: Any, data: Mapping[str, Any], read: Sequence[Over]) -> list[Axis]:
     """The keys by their names in the table: their last parts, where these differ."""
-    knobs = [find_knob(own, data, over.name) for over in read]
+    knobs = [find_knob(loaded, data, over.name) for over in read]
     keys = [knob.key for knob in knobs]
     for key in keys:
         if keys.count(key) > 1:
@@ -528,8 +528,8 @@ def _shown(settings: Iterable[str]) -> str:
 
 def _command(scenario: str, overrides: Sequence[str], runs: int | None, seed: int | None) -> str:
     """The command that runs the scenario with the settings of all cells."""
-    given = {"runs": runs, "seed": seed}
-    numbers = [f"--{name} {value}" for name, value in given.items() if value is not None]
+    options = {"runs": runs, "seed": seed}
+    numbers = [f"--{name} {value}" for name, value in options.items() if value is not None]
     parts = ["holdfast run", shlex.quote(scenario), *numbers, _shown(overrides)]
     return " ".join(part for part in parts if part)
 
@@ -566,19 +566,19 @@ def _digest(
 ) -> str:
     """The digest of a campaign: of everything that determines its numbers, with named files."""
     asked = [data, settings, runs, seed, PART]
-    found = hashlib.sha256((code_digest() + files_digest()).encode())
-    found.update(json.dumps(asked, sort_keys=True, default=str).encode())
-    found.update(content_digest("", data).encode())
-    return found.hexdigest()[:20]
+    digest = hashlib.sha256((code_digest() + files_digest()).encode())
+    digest.update(json.dumps(asked, sort_keys=True, default=str).encode())
+    digest.update(content_digest("", data).encode())
+    return digest.hexdigest()[:20]
 
 
 def content_digest(text: str, data: Mapping[str, Any]) -> str:
     """The digest of the text of a scenario, and of the files that its tables name."""
-    found = hashlib.sha256(text.encode())
+    digest = hashlib.sha256(text.encode())
     for named in _texts(data):
         if named.endswith((".toml", ".nc", "json")) and Path(named).is_file():
-            found.update(Path(named).read_bytes())
-    return found.hexdigest()[:20]
+            digest.update(Path(named).read_bytes())
+    return digest.hexdigest()[:20]
 
 
 def _texts(table: object) -> Iterator[str]:

@@ -81,9 +81,9 @@ class LawFamily:
 
     def _built(self, data: Mapping[str, Any]) -> Switching:
         spec = validated(ScenarioSpec, data, self.file).model_copy(update=_NO_MORE)
-        own = copy.copy(self._composer)
-        own.known, own.drawn = dict(own.known), dict(own.drawn)
-        law, _ = composed_law(own, spec, self._system, self._region)
+        composer = copy.copy(self._composer)
+        composer.known, composer.drawn = dict(composer.known), dict(composer.drawn)
+        law, _ = composed_law(composer, spec, self._system, self._region)
         return as_switching(law)
 
 
@@ -141,73 +141,74 @@ class Gain:
         return self.axis.settings(value)
 
 
-def gains_of(own: Scenario, data: Mapping[str, Any], asked: Iterable[str]) -> list[Gain]:
+def gains_of(scenario: Scenario, data: Mapping[str, Any], asked: Iterable[str]) -> list[Gain]:
     """The gains that are asked for, "k1=0.05:0.5" or "k1" alone, or all of the law's.
 
     Raises `ScenarioError` for a law without gains, a key that is none of [law], and a gain that is
     no number.
     """
-    texts = list(asked) or _all(own, data)
+    texts = list(asked) or _all(scenario, data)
     if not texts:
         raise ScenarioError(
-            f"{own.file}: the law '{data['law'].get('name', own.law.name)}' names no gains",
+            f"{scenario.file}: the law '{data['law'].get('name', scenario.law.name)}' "
+            "names no gains",
             remedy="name numbers of [law] with --gain KEY=LOW:HIGH",
         )
-    found = [_gain(own, data, text) for text in texts]
-    keys = [gain.key for gain in found]
+    gains = [_gain(scenario, data, text) for text in texts]
+    keys = [gain.key for gain in gains]
     for key in keys:
         if keys.count(key) > 1:
             raise ScenarioError(f"--gain {key}: occurs twice")
-    return found
+    return gains
 
 
-def _all(own: Scenario, data: Mapping[str, Any]) -> list[str]:
+def _all(scenario: Scenario, data: Mapping[str, Any]) -> list[str]:
     table = data["law"]
     function = next((f for f in laws.ALL if f.__name__ == table.get("name")), None)
-    flagged = {p.name for p in own.law.parameters if p.gain}
+    flagged = {p.name for p in scenario.law.parameters if p.gain}
     if function is None:
         return [n for n in table.get("parameters", {}) if n in flagged]
     leading = int(leading_argument(function) == "system")
     structural, numeric = arguments(function, leading)
     names = [f"{PREFIX}{n}" for n in numeric if n in flagged]
     for name in LISTS:
-        given = table.get(name)
-        if isinstance(given, list):
-            places = [i for i, v in enumerate(given) if isinstance(v, int | float)]
+        listed = table.get(name)
+        if isinstance(listed, list):
+            places = [i for i, v in enumerate(listed) if isinstance(v, int | float)]
             names += [f"{PREFIX}{name}.{i}" for i in places]
     if "poles" in structural and not isinstance(table.get("poles"), list) and "gains" not in table:
         names.append(f"{PREFIX}poles")
     return names
 
 
-def _gain(own: Scenario, data: Mapping[str, Any], text: str) -> Gain:
+def _gain(scenario: Scenario, data: Mapping[str, Any], text: str) -> Gain:
     name = text.partition("=")[0].strip()
-    knob = _knob(own, data, name)
+    knob = _knob(scenario, data, name)
     if not knob.key.startswith(PREFIX):
         raise ScenarioError(f"--gain {name}: the key is {knob.key}", expected="a number of [law]")
     if knob.own is None:  # the file leaves the law's own value
-        mine = [p.value for p in own.law.parameters if p.name == last_part(knob.key)]
+        mine = [p.value for p in scenario.law.parameters if p.name == last_part(knob.key)]
         knob = replace(knob, own=mine[0] if mine else None)
     if knob.own is None or not math.isfinite(knob.own):
         raise ScenarioError(f"--gain {name}: {knob.key} is not a number")
     if "=" in text:
         over = read_over(text, latin=True, option="--gain", expected=RANGE)
     else:
-        over = _around(own, knob, knob.own)
+        over = _around(scenario, knob, knob.own)
     return Gain(Axis(knob.key, knob, over), knob.own)
 
 
-def _knob(own: Scenario, data: Mapping[str, Any], name: str) -> Knob:
+def _knob(scenario: Scenario, data: Mapping[str, Any], name: str) -> Knob:
     if name in ("poles", f"{PREFIX}poles") and "poles" not in data["law"]:
         key = f"{PREFIX}poles"
         return Knob(key, "poles", "1/s", POLE, lambda value: (f"{key}={value}",))
-    return find_knob(own, data, name)
+    return find_knob(scenario, data, name)
 
 
-def _around(own: Scenario, knob: Knob, value: float) -> Over:
+def _around(scenario: Scenario, knob: Knob, value: float) -> Over:
     """From a quarter to four times the value, counted from the parameter's lower limit."""
     name = last_part(knob.key)
-    least: Sequence[float] = [p.above for p in own.law.parameters if p.name == name]
+    least: Sequence[float] = [p.above for p in scenario.law.parameters if p.name == name]
     floor = least[0] if least and math.isfinite(least[0]) else 0.0
     if value == floor:
         raise ScenarioError(
@@ -251,23 +252,23 @@ class Measure:
             scenario.with_settings(record_every=every), law=without_conditions(scenario.law)
         )
         self.base = base
-        own = scenario.varied
-        self.varied = [own]
-        if own.draws and not own.vertices and 2 ** len(own.draws) <= MOST_CORNERS:
-            self.varied.append(replace(own, vertices=tuple(own.draws)))
+        varied = scenario.varied
+        self.varied = [varied]
+        if varied.draws and not varied.vertices and 2 ** len(varied.draws) <= MOST_CORNERS:
+            self.varied.append(replace(varied, vertices=tuple(varied.draws)))
 
     def costs(self, laws: Sequence[Numbers], progress: Progress | None = None) -> list[Costs]:
         """The costs of laws with these parameters, in their order."""
-        found: list[Costs] = []
+        worst: list[Costs] = []
         heaviest = max(v.turns for v in self.varied) * self.scenario.starts.count
         some = max(1, TOGETHER // heaviest)
         for first in range(0, len(laws), some):
             part = laws[first : first + some]
             each = [self._simulated(varied, part) for varied in self.varied]
-            found += [_worse(costs) for costs in zip(*each, strict=True)]
+            worst += [_worse(costs) for costs in zip(*each, strict=True)]
             if progress is not None:
                 progress(min(first + some, len(laws)) / len(laws))
-        return found
+        return worst
 
     def _simulated(self, varied: Varied, laws: Sequence[Numbers]) -> list[Costs]:
         names = [n for n in self.base if any(law[n] != self.base[n] for law in laws)]
@@ -310,8 +311,8 @@ def _worse(costs: Sequence[Costs]) -> Costs:
 
 def _lost(result: Result) -> npt.NDArray[np.bool_]:
     outcome = result.arrays["outcome"].values
-    kept = [Outcome.REACHED] if result.arrays.attrs.get("goal") else [Outcome.STAYED]
-    lost: npt.NDArray[np.bool_] = ~np.isin(outcome, kept)
+    wanted = [Outcome.REACHED] if result.arrays.attrs.get("goal") else [Outcome.STAYED]
+    lost: npt.NDArray[np.bool_] = ~np.isin(outcome, wanted)
     return lost
 
 
@@ -406,12 +407,12 @@ def best_of(
     points = _admissible(build, gains, margin, population, seed, tell)
 
     def slack(x: Array) -> Array:
-        found = [build(column) for column in np.atleast_2d(x.T)]
-        return np.array([[REFUSED if t is None else t.slack for t in found]])
+        trials = [build(column) for column in np.atleast_2d(x.T)]
+        return np.array([[REFUSED if t is None else t.slack for t in trials]])
 
     def cost(x: Array) -> Array:
-        found = [build(column) for column in np.atleast_2d(x.T)]
-        return np.array(costs([t for t in found if t is not None]))
+        trials = [build(column) for column in np.atleast_2d(x.T)]
+        return np.array(costs([t for t in trials if t is not None]))
 
     differential_evolution(
         cost,
@@ -437,14 +438,14 @@ def _admissible(
 ) -> Array:
     """`population` points, admissible ones first; the gains of the scenario, if they are."""
     sampler = qmc.Sobol(len(gains), rng=np.random.default_rng(seed))
-    own = [gain.share(gain.own) for gain in gains]
-    points = [own] if all(0 <= s <= 1 for s in own) else []
+    shares = [gain.share(gain.own) for gain in gains]
+    points = [shares] if all(0 <= s <= 1 for s in shares) else []
     slacks: list[float] = []
     for power in range(FIRST, MOST + 1):
         points += sampler.random(2 ** (power if power == FIRST else power - 1)).tolist()
         for point in points[len(slacks) :]:
-            found = build(point)
-            slacks.append(REFUSED if found is None else found.slack)
+            trial = build(point)
+            slacks.append(REFUSED if trial is None else trial.slack)
             tell("conditions", 0.1 * len(slacks) / 2**MOST)
         if sum(s >= margin for s in slacks) >= population:
             break
@@ -466,9 +467,9 @@ def _repaired(
     trials = [t for t in map(build, points) if t is not None]
 
     def shortfall(x: Array) -> Array:
-        found = [build(column) for column in np.atleast_2d(x.T)]
-        trials.extend(t for t in found if t is not None)
-        return np.array([-REFUSED if t is None else -t.slack for t in found])
+        repaired = [build(column) for column in np.atleast_2d(x.T)]
+        trials.extend(t for t in repaired if t is not None)
+        return np.array([-REFUSED if t is None else -t.slack for t in repaired])
 
     best = sorted(range(len(points)), key=lambda i: -slacks[i])[: max(8, 4 * len(points[0]))]
     answer = differential_evolution(
@@ -483,8 +484,8 @@ def _repaired(
         callback=lambda intermediate_result: intermediate_result.fun <= -margin,
     )
     if answer.fun <= -margin:
-        found: list[float] = answer.x.tolist()
-        return found
+        repaired: list[float] = answer.x.tolist()
+        return repaired
     if not trials:
         raise UnmetError(None, {}, alone=True)
     final = max(trials, key=lambda t: t.slack)
@@ -554,44 +555,44 @@ def tune(
         return shown, text, data if case is None else in_case(shown, data, case)
 
     shown, text, data = tables(changes)
-    own = _closed_loop(shown, text, data, runs, seed)
-    check_overrides(changes, [own], lambda s: [scenario_of(*tables(s), runs, seed)])
-    _check_cost(own, cost)
-    chosen = gains_of(own, data, gains)
+    loaded = _closed_loop(shown, text, data, runs, seed)
+    check_overrides(changes, [loaded], lambda s: [scenario_of(*tables(s), runs, seed)])
+    _check_cost(loaded, cost)
+    chosen = gains_of(loaded, data, gains)
     tell("preparing", 0.0)
-    own = own.kept()
-    trials = _Trials(own, LawFamily(shown, data), chosen)
+    loaded = loaded.kept()
+    trials = _Trials(loaded, LawFamily(shown, data), chosen)
     first = trials.at({gain.key: gain.own for gain in chosen})
     if not first.conditions:
         raise ScenarioError(
-            f"{shown}: the law '{data['law'].get('name', own.law.name)}' has no conditions",
+            f"{shown}: the law '{data['law'].get('name', loaded.law.name)}' has no conditions",
             expected="a law with gain conditions (GainCondition)",
         )
-    measure = Measure(own, first.parameters)
+    measure = Measure(loaded, first.parameters)
     (before,) = measure.costs([first.parameters])
-    known = {first.key: before} if first.slack >= margin else {}
+    by_key = {first.key: before} if first.slack >= margin else {}
     scale = abs(before.of(cost)) or 1.0
 
     def costs(some: Sequence[Trial]) -> list[float]:
-        missing = {t.key: t for t in some if t.key not in known}
-        found = measure.costs([t.parameters for t in missing.values()])
-        known.update(zip(missing, found, strict=True))
-        tell(f"{len(known)} candidates", min(0.1 + 0.8 * len(known) / candidates, 0.9))
-        return [known[t.key].of(cost) / scale + 1e3 * known[t.key].lost for t in some]
+        missing = {t.key: t for t in some if t.key not in by_key}
+        measured = measure.costs([t.parameters for t in missing.values()])
+        by_key.update(zip(missing, measured, strict=True))
+        tell(f"{len(by_key)} candidates", min(0.1 + 0.8 * len(by_key) / candidates, 0.9))
+        return [by_key[t.key].of(cost) / scale + 1e3 * by_key[t.key].lost for t in some]
 
     try:
-        best_of(trials.of, chosen, costs, margin, candidates, own.seed, tell)
+        best_of(trials.of, chosen, costs, margin, candidates, loaded.seed, tell)
     except UnmetError as unmet:
         raise _refusal(shown, unmet, margin) from None
     admissible = sorted(
-        (trials.built[key] for key in known),
-        key=lambda t: (max(known[t.key].lost - before.lost, 0.0), known[t.key].of(cost), t.key),
+        (trials.built[key] for key in by_key),
+        key=lambda t: (max(by_key[t.key].lost - before.lost, 0.0), by_key[t.key].of(cost), t.key),
     )
     tell("fresh starts", 0.92)
-    fresh = _fresh(shown, text, data, own.seed + 1).kept()
+    fresh = _fresh(shown, text, data, loaded.seed + 1).kept()
     again = Measure(fresh, first.parameters)
     able = admissible[:CHECKED]
-    if first.key in known and first not in able:
+    if first.key in by_key and first not in able:
         able.append(first)  # where all others lose more runs
     reference, *others = again.costs([first.parameters, *(t.parameters for t in able)])
     place = min(
@@ -602,25 +603,25 @@ def tune(
     settings = [s for gain in chosen for s in gain.settings(best.gains[gain.key])]
     tell("done", 1.0)
     return Tuning(
-        title=own.title,
-        scenario=scenario if scenario.endswith(".toml") else own.name,
+        title=loaded.title,
+        scenario=scenario if scenario.endswith(".toml") else loaded.name,
         case=case or "",
         cost=cost,
         margin=margin,
-        seed=own.seed,
+        seed=loaded.seed,
         gains=dict(best.gains),
         shipped=dict(first.gains),
         units={gain.key: gain.unit for gain in chosen},
         conditions=best.conditions,
         shipped_conditions=first.conditions,
-        candidates=tuple(Candidate(dict(t.gains), t.slack, known[t.key]) for t in admissible),
+        candidates=tuple(Candidate(dict(t.gains), t.slack, by_key[t.key]) for t in admissible),
         shipped_costs=before,
         before=reference,
         after=others[place],
         tried=len(trials.built),
-        starts=own.starts.count,
+        starts=loaded.starts.count,
         checked=fresh.starts.count,
-        corners=2 ** len(own.varied.draws),
+        corners=2 ** len(loaded.varied.draws),
         instants=measure.instants,
         text=edited_text(scenario, [*changes, *settings]),
     )
@@ -656,13 +657,13 @@ def _fresh(shown: str, text: str, data: dict[str, Any], seed: int) -> Scenario:
     return _closed_loop(shown, text, data, FRESH, seed)
 
 
-def _check_cost(own: Scenario, cost: str) -> None:
-    missing = {"time": own.goal is None, "clearance": own.region is None}
+def _check_cost(scenario: Scenario, cost: str) -> None:
+    missing = {"time": scenario.goal is None, "clearance": scenario.region is None}
     if missing.get(cost):
         table = "goal" if cost == "time" else "region"
         others = [c for c in COSTS if not missing.get(c)]
         raise ScenarioError(
-            f"{own.file}: the cost '{cost}' needs a [{table}]",
+            f"{scenario.file}: the cost '{cost}' needs a [{table}]",
             remedy=f"take --cost {' or '.join(others)}",
         )
 
@@ -670,16 +671,20 @@ def _check_cost(own: Scenario, cost: str) -> None:
 class _Trials:
     """Laws at gains, with their conditions judged; each is built once."""
 
-    def __init__(self, own: Scenario, family: LawFamily, gains: Sequence[Gain]) -> None:
+    def __init__(self, scenario: Scenario, family: LawFamily, gains: Sequence[Gain]) -> None:
         self.family, self.gains = family, gains
         self.built: dict[tuple[float, ...], Trial] = {}
         self.refused: dict[tuple[float, ...], HoldfastError] = {}
-        fields = {n: v for n, v in own.settings.items() if n in Settings.__dataclass_fields__}
+        fields = {n: v for n, v in scenario.settings.items() if n in Settings.__dataclass_fields__}
         self.settings = Settings(**fields)
-        regions = [r.parameters for r in (own.region, own.goal) if r is not None]
-        known = [*own.system.parameters, *own.law.parameters, *(p for r in regions for p in r)]
-        self.numbers = {p.name: p.value for p in known}
-        self.corners = corners_of(own.varied, own.plant, self.numbers, own.seed)
+        regions = [r.parameters for r in (scenario.region, scenario.goal) if r is not None]
+        parameters = [
+            *scenario.system.parameters,
+            *scenario.law.parameters,
+            *(p for r in regions for p in r),
+        ]
+        self.numbers = {p.name: p.value for p in parameters}
+        self.corners = corners_of(scenario.varied, scenario.plant, self.numbers, scenario.seed)
 
     def of(self, shares: Sequence[float]) -> Trial | None:
         """The law at these shares of the ranges; None if it is refused."""
@@ -701,8 +706,10 @@ class _Trials:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", GainWarning)
                 parameters, conditions = self.family.at(settings)
-            found = judged(conditions, {**self.numbers, **parameters}, self.corners, self.settings)
-            self.built[key] = Trial(key, dict(gains), parameters, found)
+            judgements = judged(
+                conditions, {**self.numbers, **parameters}, self.corners, self.settings
+            )
+            self.built[key] = Trial(key, dict(gains), parameters, judgements)
         return self.built[key]
 
 

@@ -38,15 +38,15 @@ def inputs_at_target(certificate: Certificate) -> tuple[Wholes, Wholes]:
     cells, tried = certificate.cells, certificate.candidates
     flow = flow_of(certificate)
     target = sure_of(flow.arrived, Halvings(cells, certificate.kept.depth))
-    found = images(flow, cells, tried, target, lambda what, share: None)
+    all_images = images(flow, cells, tried, target, lambda what, share: None)
     stays = np.ones(len(target), dtype=bool)
     while True:
-        leads = _led(found, stays, Counted(cells, _noted(certificate, target[stays])))
+        leads = _led(all_images, stays, Counted(cells, _noted(certificate, target[stays])))
         if (stays == (stays & leads.any(axis=1))).all():
             break
         stays &= leads.any(axis=1)
-    known = np.concatenate([target, certificate.kept.members])
-    again = _led(found, ~stays, Counted(cells, _noted(certificate, known)))
+    certified = np.concatenate([target, certificate.kept.members])
+    again = _led(all_images, ~stays, Counted(cells, _noted(certificate, certified)))
     leads = np.where(stays[:, None], leads, again)
     order = _from_zero(tried)
     first = order[leads[:, order].argmax(axis=1)]
@@ -59,12 +59,12 @@ def _noted(certificate: Certificate, of: Wholes) -> Truths:
     return noted
 
 
-def _led(found: Images, rows: Truths, into: Counted) -> Truths:
+def _led(images: Images, rows: Truths, into: Counted) -> Truths:
     """Whether each input leads from each of these cells into a set, shape (cells, inputs)."""
-    asked = found.usable & rows[:, None]
+    asked = images.usable & rows[:, None]
     leads = np.zeros(asked.shape, dtype=bool)
     leads[asked] = into.all_of(
-        found.first[asked].astype(np.int64), found.last[asked].astype(np.int64)
+        images.first[asked].astype(np.int64), images.last[asked].astype(np.int64)
     )
     return leads
 

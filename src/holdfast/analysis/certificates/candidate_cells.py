@@ -65,7 +65,7 @@ def touched_by(value: ValueFunction, margin: float) -> Callable[[Cells], Truths]
             middle = np.rint((0.5 * edges[:-1] + 0.5 * edges[1:] - a.low) / a.step).astype(np.int64)
             turns = a.ends == "periodic"
             places.append(middle % a.count if turns else np.clip(middle, 0, a.count - 1))
-        found: Truths = near[np.ix_(*places)].reshape(-1)
-        return found
+        hits: Truths = near[np.ix_(*places)].reshape(-1)
+        return hits
 
     return touched

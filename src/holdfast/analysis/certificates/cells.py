@@ -91,11 +91,11 @@ class Cells:
 
 
 def _with_middles(edges: Floats) -> Floats:
-    found = np.empty(2 * len(edges) - 1)
-    found[::2], found[1::2] = edges, 0.5 * edges[:-1] + 0.5 * edges[1:]
-    if not (np.diff(found) > 0).all():
+    finer = np.empty(2 * len(edges) - 1)
+    finer[::2], finer[1::2] = edges, 0.5 * edges[:-1] + 0.5 * edges[1:]
+    if not (np.diff(finer) > 0).all():
         raise SimulationError("a cell is too narrow to be halved", remedy="halve less often")
-    return found
+    return finer
 
 
 @dataclass(frozen=True)
@@ -119,8 +119,8 @@ class Halvings:
         doubled = self.depth - depth
         places = np.unravel_index(flat, self.grid(depth).counts)
         first = np.ravel_multi_index([p << doubled for p in places], self.finest.counts)
-        found: Wholes = first + doubled * self.finest.total
-        return found
+        ids: Wholes = first + doubled * self.finest.total
+        return ids
 
     def has(self, numbers: Wholes) -> bool:
         """Whether all are numbers of cells."""
@@ -132,7 +132,7 @@ class Halvings:
 
     def spread(self, numbers: Wholes) -> tuple[Wholes, Wholes]:
         """The finest cells in cells, and for each of them the row of `numbers` that it is of."""
-        rows, found = [], []
+        rows, finest = [], []
         doubled, first = np.divmod(numbers, self.finest.total)
         axes = len(self.finest.counts)
         for k in range(self.depth + 1):
@@ -140,8 +140,8 @@ class Halvings:
             block = np.indices(axes * (1 << k,)).reshape(axes, -1)
             inside: Wholes = np.asarray(np.ravel_multi_index(list(block), self.finest.counts))
             rows.append(np.repeat(some, len(inside)))
-            found.append((first[some, None] + inside).reshape(-1))
-        return np.concatenate(found), np.concatenate(rows)
+            finest.append((first[some, None] + inside).reshape(-1))
+        return np.concatenate(finest), np.concatenate(rows)
 
 
 class Counted:
@@ -173,5 +173,5 @@ class Counted:
                     place += self._strides[axis] * first[:, axis]
                     sign = -sign
             total += sign * self._flat[place]
-        found: Truths = total == (last - first + 1).prod(axis=1)
-        return found
+        full: Truths = total == (last - first + 1).prod(axis=1)
+        return full

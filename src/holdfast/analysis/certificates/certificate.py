@@ -75,8 +75,8 @@ class Certificate:
 
     def header(self) -> dict[str, Any]:
         """What the file says before its entries; numbers in hexadecimal digits, which are exact."""
-        kept, law = self.kept, self.sampling.law
-        more = {"depth": kept.depth} if kept.depth else {}
+        kept_set, law = self.kept, self.sampling.law
+        more = {"depth": kept_set.depth} if kept_set.depth else {}
         more |= {"steps": self.sampling.steps} if self.sampling.steps > 1 else {}
         return {
             "title": self.title,
@@ -91,35 +91,35 @@ class Certificate:
             "hold": self.hold.hex(),
             "delay": self.sampling.delay.hex(),
             "errors": [float(e).hex() for e in self.sampling.errors],
-            "holds": kept.holds,
-            "edges": [[float(e).hex() for e in axis] for axis in kept.cells.edges],
-            "periodic": list(kept.cells.periodic),
+            "holds": kept_set.holds,
+            "edges": [[float(e).hex() for e in axis] for axis in kept_set.cells.edges],
+            "periodic": list(kept_set.cells.periodic),
             "candidates": [[float(v).hex() for v in row] for row in self.candidates],
             **more,
-            "cells_in_region": kept.inside,
-            "cells_kept": len(kept.members),
-            "entries": len(kept.entries),
+            "cells_in_region": kept_set.inside,
+            "cells_kept": len(kept_set.members),
+            "entries": len(kept_set.entries),
         }
 
     def summary(self) -> dict[str, Any]:
         """Plain data."""
-        kept = self.kept
+        kept_set = self.kept
         return {
             "title": self.title,
-            "cells_in_region": kept.inside,
-            "cells_certified": len(kept.members),
-            "share": kept.share,
-            "seconds": None if kept.holds is None else kept.holds * self.hold,
+            "cells_in_region": kept_set.inside,
+            "cells_certified": len(kept_set.members),
+            "share": kept_set.share,
+            "seconds": None if kept_set.holds is None else kept_set.holds * self.hold,
             "sample_time": self.hold,
             "delay": self.sampling.delay,
             "errors": {n: e for (n, _), e in zip(self.states, self.sampling.errors, strict=True)},
             "kind": "reach" if self.target else "keep",
             "law": self.sampling.law is not None,
             "inputs_tried": len(self.candidates),
-            "cells": list(kept.cells.counts),
-            "halved": kept.depth,
-            "entries": len(kept.entries),
-            "sweeps": kept.sweeps,
+            "cells": list(kept_set.cells.counts),
+            "halved": kept_set.depth,
+            "entries": len(kept_set.entries),
+            "sweeps": kept_set.sweeps,
             "ranges": {name: list(ends) for name, ends in self.ranges.items()},
         }
 
@@ -180,10 +180,10 @@ def check_names(names: Iterable[str]) -> None:
 
 
 def _packed(entries: Wholes) -> bytes:
-    found = np.empty(len(entries), dtype=ENTRY)
+    rows = np.empty(len(entries), dtype=ENTRY)
     for k, name in enumerate(ENTRY.names or ()):
-        found[name] = entries[:, k]
-    return found.tobytes()
+        rows[name] = entries[:, k]
+    return rows.tobytes()
 
 
 def limits_written(constraints: Iterable[tuple[str, str, sp.Expr]]) -> list[dict[str, str]]:

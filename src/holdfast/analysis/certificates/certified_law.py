@@ -183,21 +183,21 @@ def cell_table(certificate: Certificate) -> tuple[Any, ...]:
     )
 
 
-def _nearest(cells: Cells, known: Wholes) -> Wholes:
-    """Of every cell the nearest one of those that are known, counted in cells."""
+def _nearest(cells: Cells, certified: Wholes) -> Wholes:
+    """Of every cell the nearest one of those that are certified, counted in cells."""
     from scipy.ndimage import distance_transform_edt
 
     missing = np.ones(cells.counts, dtype=bool)
-    missing.reshape(-1)[known] = False
+    missing.reshape(-1)[certified] = False
     turns = [(n, n) if p else (0, 0) for n, p in zip(cells.counts, cells.periodic, strict=True)]
     around = np.pad(missing, turns, mode="wrap") if any(cells.periodic) else missing
     places = distance_transform_edt(around, return_distances=False, return_indices=True)
     middle = tuple(slice(a, a + n) for (a, _), n in zip(turns, cells.counts, strict=True))
-    found = [
+    indices = [
         p[middle] % n if turned else p[middle]
         for p, n, turned in zip(places, cells.counts, cells.periodic, strict=True)
     ]
-    nearest: Wholes = np.ravel_multi_index(tuple(found), cells.counts).reshape(-1)
+    nearest: Wholes = np.ravel_multi_index(tuple(indices), cells.counts).reshape(-1)
     return nearest
 
 
@@ -218,20 +218,21 @@ def check_usable(certificate: Certificate) -> None:
 
 
 def check_fits(
-    certificate: Certificate, system: System, known: Mapping[str, float] | None = None
+    certificate: Certificate, system: System, constants: Mapping[str, float] | None = None
 ) -> None:
     """Raises `DefinitionError` where a system is not the one that the certificate is of.
 
-    known: disturbances that are constant.
+    constants: disturbances that are constant.
     """
-    for what, own, said in (
+    for what, quantities, said in (
         ("states", system.states, certificate.states),
         ("inputs", system.inputs, certificate.inputs),
         ("disturbances", system.disturbances, certificate.disturbances),
     ):
-        if tuple((q.name, q.unit) for q in own) != said:
+        if tuple((q.name, q.unit) for q in quantities) != said:
             raise DefinitionError(
-                f"system '{system.name}' has the {what} " + _listed((q.name, q.unit) for q in own),
+                f"system '{system.name}' has the {what} "
+                + _listed((q.name, q.unit) for q in quantities),
                 expected=f"those of the certificate: {_listed(said)}",
             )
     ranges = certificate.ranges
@@ -249,18 +250,18 @@ def check_fits(
                 f"the rate of '{name}' of system '{system.name}' is not the certified one",
                 remedy="certify this system",
             )
-    _check_bounds(certificate, system, known or {})
+    _check_bounds(certificate, system, constants or {})
 
 
 def _same(system: System, name: str, rate: sp.Expr) -> bool:
     """Whether two rates are one expression, written otherwise."""
-    found: bool = sp.expand(exact(system.rates[name]) - exact(rate)) == 0
-    return found
+    equal: bool = sp.expand(exact(system.rates[name]) - exact(rate)) == 0
+    return equal
 
 
-def _check_bounds(certificate: Certificate, system: System, known: Mapping[str, float]) -> None:
-    ends = {name: (value, value) for name, value in known.items()}
-    if any(q.name not in known for q in system.disturbances):
+def _check_bounds(certificate: Certificate, system: System, constants: Mapping[str, float]) -> None:
+    ends = {name: (value, value) for name, value in constants.items()}
+    if any(q.name not in constants for q in system.disturbances):
         if system.disturbance_bounds is None:
             raise DefinitionError(f"system '{system.name}' has no bounds of its disturbances")
         numbers = {p.symbol: p.value for p in system.parameters}

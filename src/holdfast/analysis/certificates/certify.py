@@ -84,22 +84,22 @@ def kept(
     which cells are tried; None is all of the region.
     """
 
-    def settle(found: Images, cells: Cells, ranks: Ranks) -> tuple[Ranks, Wholes, int]:
-        return settled_kept(found, cells, ranks, holds)
+    def settle(outcome: Images, cells: Cells, ranks: Ranks) -> tuple[Ranks, Wholes, int]:
+        return settled_kept(outcome, cells, ranks, holds)
 
     enough = BEST if holds is None else holds
-    found = refined(
+    outcome = refined(
         flow, cells, candidates, halvings, settle, enough,
         progress=progress, store=store, among=among,
     )  # fmt: skip
-    entries = found.entries
+    entries = outcome.entries
     if holds is None:
         entries[:, 2] = 0
-    return Kept.of(found.halvings, entries, holds, found.sweeps, found.region)
+    return Kept.of(outcome.halvings, entries, holds, outcome.sweeps, outcome.region)
 
 
 def settled_kept(
-    found: Images, cells: Cells, ranks: Ranks, holds: int | None
+    images: Images, cells: Cells, ranks: Ranks, holds: int | None
 ) -> tuple[Ranks, Wholes, int]:
     """For how many periods inputs keep the cells of images, those inputs, and how many sweeps.
 
@@ -107,9 +107,9 @@ def settled_kept(
     same at every sweep, and the set only shrinks: an input that does not keep a cell will not do so
     later.
     """
-    usable, most = found.usable, found.usable.shape[1]
+    usable, most = images.usable, images.usable.shape[1]
     longest = BEST if holds is None else holds
-    reached = ranks[found.cells]
+    reached = ranks[images.cells]
     alive = reached < longest
     choice = np.zeros(len(alive), dtype=np.int64)
     chosen, sweeps, now = choice.copy(), 0, ranks >= REGION
@@ -122,7 +122,7 @@ def settled_kept(
             fine = usable[at]
             some = np.flatnonzero(fine)
             at = waiting[some], choice[waiting[some]]
-            blocks = found.first[at].astype(np.int64), found.last[at].astype(np.int64)
+            blocks = images.first[at].astype(np.int64), images.last[at].astype(np.int64)
             fine[some] = counted.all_of(*blocks)
             waiting = waiting[~fine]
             choice[waiting] += 1
@@ -133,7 +133,7 @@ def settled_kept(
         if holds is not None:
             reached[alive], chosen[alive] = np.maximum(reached[alive], sweeps), choice[alive]
         after = ranks >= sweeps
-        after[found.cells[alive]] = True
+        after[images.cells[alive]] = True
         if sweeps > older and np.array_equal(after, now):
             break
         now = after
@@ -163,10 +163,10 @@ def reached(
     `holds` is the largest number, its entries' levels are the numbers of each.
     """
 
-    def settle(found: Images, cells: Cells, ranks: Ranks) -> tuple[Ranks, Wholes, int]:
-        return settled_reaching(found, cells, ranks, holds)
+    def settle(outcome: Images, cells: Cells, ranks: Ranks) -> tuple[Ranks, Wholes, int]:
+        return settled_reaching(outcome, cells, ranks, holds)
 
-    found = refined(
+    outcome = refined(
         flow,
         cells,
         candidates,
@@ -178,33 +178,33 @@ def reached(
         store=store,
         among=among,
     )
-    entries = found.entries[np.argsort(found.entries[:, 0], kind="stable")]
+    entries = outcome.entries[np.argsort(outcome.entries[:, 0], kind="stable")]
     entries[:, 2] = BEST - entries[:, 2]
     farthest = int(entries[:, 2].max(initial=1))
-    return Kept.of(found.halvings, entries, farthest, found.sweeps, found.region, target=True)
+    return Kept.of(outcome.halvings, entries, farthest, outcome.sweeps, outcome.region, target=True)
 
 
 def settled_reaching(
-    found: Images, cells: Cells, ranks: Ranks, holds: int | None
+    images: Images, cells: Cells, ranks: Ranks, holds: int | None
 ) -> tuple[Ranks, Wholes, int]:
     """How far the cells of images are away, the inputs that lead there, and how many periods.
 
     ranks: BEST less how many periods cells are known to be away.
     """
     away = np.where(ranks > REGION, BEST - ranks.astype(np.int64), NONE)
-    known = np.flatnonzero(away > 0)
-    known = known[np.argsort(away[known], kind="stable")]
-    far = away[known]
+    earlier = np.flatnonzero(away > 0)
+    earlier = earlier[np.argsort(away[earlier], kind="stable")]
+    far = away[earlier]
     captured = away == 0
-    waiting = _Waiting(found, cells.counts, away[found.cells] >= 0)
-    reached, chosen = ranks[found.cells], np.zeros(len(found.cells), dtype=np.int64)
+    waiting = _Waiting(images, cells.counts, away[images.cells] >= 0)
+    reached, chosen = ranks[images.cells], np.zeros(len(images.cells), dtype=np.int64)
     level, fresh = 0, np.flatnonzero(captured)
     while (len(fresh) or level < far.max(initial=0)) and (holds is None or level < holds):
         level += 1
         rows, inputs = waiting.led_into(captured, fresh)
         reached[rows], chosen[rows] = BEST - level, inputs
-        older = known[slice(*np.searchsorted(far, (level, level + 1)))]
-        fresh = np.concatenate([found.cells[rows], older])
+        older = earlier[slice(*np.searchsorted(far, (level, level + 1)))]
+        fresh = np.concatenate([images.cells[rows], older])
         captured[fresh] = True
     return reached, chosen, level
 
@@ -215,19 +215,19 @@ class _Waiting:
     Lists by cell: `_head` the first image that waits for a cell, `_next` the one after an image.
     """
 
-    def __init__(self, found: Images, counts: tuple[int, ...], done: Truths) -> None:
+    def __init__(self, images: Images, counts: tuple[int, ...], done: Truths) -> None:
         self._counts = counts
-        inputs = found.usable.shape[1]
+        inputs = images.usable.shape[1]
         axes = len(counts)
-        self._first = found.first.reshape(-1, axes)
-        self._last = found.last.reshape(-1, axes)
+        self._first = images.first.reshape(-1, axes)
+        self._last = images.last.reshape(-1, axes)
         self._corner = self._cell(self._first)
-        self._row = np.repeat(np.arange(len(found.cells)), inputs)
-        self._input = np.tile(np.arange(inputs), len(found.cells))
+        self._row = np.repeat(np.arange(len(images.cells)), inputs)
+        self._input = np.tile(np.arange(inputs), len(images.cells))
         self._done = done
         self._head = np.full(int(np.prod(counts)), NONE, dtype=np.int64)
         self._next = np.full(len(self._row), NONE, dtype=np.int64)
-        self._unseen = np.flatnonzero(found.usable.reshape(-1))
+        self._unseen = np.flatnonzero(images.usable.reshape(-1))
 
     def led_into(self, captured: Truths, fresh: Wholes) -> tuple[Wholes, Wholes]:
         """Rows of cells that an image of theirs leads into captured cells, and its input."""
@@ -242,12 +242,12 @@ class _Waiting:
         return rows, self._input[led][at]
 
     def _waiting_for(self, fresh: Wholes) -> Wholes:
-        at, found = self._head[fresh], []
+        at, waiting = self._head[fresh], []
         self._head[fresh] = NONE
         while len(at := at[at != NONE]):
-            found.append(at)
+            waiting.append(at)
             at = self._next[at]
-        return np.concatenate(found) if found else np.empty(0, dtype=np.int64)
+        return np.concatenate(waiting) if waiting else np.empty(0, dtype=np.int64)
 
     def _wait(self, asked: Wholes, cells: Wholes) -> None:
         order = np.argsort(cells, kind="stable")
@@ -270,27 +270,27 @@ class _Waiting:
 
         Corners are looked at first: it is there that most blocks stick out.
         """
-        found = np.full(len(asked), NONE, dtype=np.int64)
-        left = _noted(self._corner[asked], np.arange(len(asked)), found, captured)
+        outside = np.full(len(asked), NONE, dtype=np.int64)
+        left = _noted(self._corner[asked], np.arange(len(asked)), outside, captured)
         first, last = (a[asked[left]].astype(np.int64) for a in (self._first, self._last))
         rows = np.arange(len(left))  # of these, those that are left
         for ends in itertools.product((False, True), repeat=len(self._counts)):
             cell = self._cell(np.where(ends, last[rows], first[rows]))
-            _noted(cell, left[rows], found, captured)
+            _noted(cell, left[rows], outside, captured)
             rows = rows[captured[cell]]
         for steps in itertools.product(
             *(range(n + 1) for n in (last[rows] - first[rows]).max(axis=0, initial=-1))
         ):
             fits = rows[(steps <= last[rows] - first[rows]).all(axis=1)]
-            _noted(self._cell(first[fits] + np.array(steps)), left[fits], found, captured)
-            rows = rows[found[left[rows]] == NONE]
-        return found
+            _noted(self._cell(first[fits] + np.array(steps)), left[fits], outside, captured)
+            rows = rows[outside[left[rows]] == NONE]
+        return outside
 
 
-def _noted(cell: Wholes, left: Wholes, found: Wholes, captured: Truths) -> Wholes:
+def _noted(cell: Wholes, left: Wholes, outside: Wholes, captured: Truths) -> Wholes:
     """Notes the cells that are not captured; the images that are left."""
     out = ~captured[cell]
-    found[left[out]] = cell[out]
+    outside[left[out]] = cell[out]
     return left[~out]
 
 
@@ -385,13 +385,13 @@ def certify(
         for r in (region, target or region)
     )
     arrival = arrival if target is not None else ()
-    given, sample_time = None, float(sample_time)
+    cases, sample_time = None, float(sample_time)
     if law is not None:
         parts = parts_of(system, inputs, {n: ranges[n] for n in parameters_of(system, regions)})
-        given = law_of_cases(system, law, ranges, sample_time, parts)
+        cases = law_of_cases(system, law, ranges, sample_time, parts)
     rates = tuple(system.rates[q.name] for q in system.states)
     expressions = [*rates, *(e for _, _, e in (*constraints, *arrival))]
-    expressions += given.expressions if given is not None else ()
+    expressions += cases.expressions if cases is not None else ()
     check_functions(expressions)
     check_names([q.name for q in (*system.states, *system.inputs, *system.disturbances)])
     parameters = parameters_of(system, regions)
@@ -409,16 +409,16 @@ def certify(
         holds = _holds(horizon, sample_time, to_target=target is not None)
     symbols = {q.name: q.symbol for q in system.disturbances}
     used = symbols_of(expressions)
-    told = [p for p in parameters.values() if p.symbol in used]
+    listed = [p for p in parameters.values() if p.symbol in used]
     candidates = np.empty((0, 0))
-    if given is None:
+    if cases is None:
         candidates = candidates_of(system, inputs, {n: ranges[n] for n in parameters})
     sampling = Sampling(
         sample_time,
         errors_of(system, errors or {}),
         delay_of(float(delay), sample_time),
         tuple((float(c.min()), float(c.max())) for c in candidates.T),
-        given,
+        cases,
     )
 
     def flow_of(sampling: Sampling) -> HeldFlow:
@@ -428,42 +428,42 @@ def certify(
             [q.symbol for q in system.states],
             [q.symbol for q in system.inputs],
             {symbols[q.name]: ranges[q.name] for q in system.disturbances},
-            {p.symbol: ranges[p.name] for p in told},
+            {p.symbol: ranges[p.name] for p in listed},
             sampling,
             [e for _, _, e in arrival],
         )
 
-    if given is not None and sampling.delay:
+    if cases is not None and sampling.delay:
         late = inputs_under_way(flow_of(replace(sampling, delay=0.0)), grid)
         sampling = replace(sampling, under_way=late)
     flow = flow_of(sampling)
     flow = in_steps(flow, grid, candidates) if steps is None else flow.in_steps(steps)
     if target is not None and not any(len(where(flow.arrived, g)) for g in _halves(grid, halvings)):
         raise SimulationError(f"no cell lies in '{target.name}'", remedy="take smaller cells")
-    if given is not None:
+    if cases is not None:
         if halvings or store is not None:
             raise SimulationError(
                 "a law with halvings or store", expected="cells as they are, judged in one go"
             )
         by_law = reached_by_law if target is not None else kept_by_law
-        found = by_law(flow, grid, holds, progress)
+        kept_set = by_law(flow, grid, holds, progress)
     else:
         proved = reached if target is not None else kept
         kept_in = None if store is None else Store(store)
-        found = proved(flow, grid, candidates, holds, progress, halvings, kept_in, among)
+        kept_set = proved(flow, grid, candidates, holds, progress, halvings, kept_in, among)
     title = f"{system.name} in {region.name}" + (f" to {target.name}" if target else "")
     return Certificate(
         title=title + (f", by {law.name}" if law else ""),
         states=tuple((q.name, q.unit) for q in system.states),
         inputs=tuple((q.name, q.unit) for q in system.inputs),
         disturbances=tuple((q.name, q.unit) for q in system.disturbances),
-        parameters=tuple((p.name, p.unit) for p in told),
-        ranges={q.name: ranges[q.name] for q in (*system.disturbances, *told)},
+        parameters=tuple((p.name, p.unit) for p in listed),
+        ranges={q.name: ranges[q.name] for q in (*system.disturbances, *listed)},
         rates=rates,
         constraints=constraints,
         sampling=flow.sampling,
         candidates=candidates,
-        kept=found,
+        kept=kept_set,
         target=arrival,
     )
 

@@ -70,11 +70,11 @@ def kept_outside(
         horizon = None if seconds is None else math.floor(seconds / hold + 1e-9) * hold
         if horizon is not None and horizon < hold / 2:
             continue
-        found = certify(
+        certificate = certify(
             against, anywhere, target=away, box=box, cells=edges, sample_time=hold,
             horizon=horizon, inputs=inputs, halvings=halvings, progress=progress,
         )  # fmt: skip
-        outer = _less_the_lost(value, found)
+        outer = _less_the_lost(value, certificate)
         if best is None or outer.volume < best.volume:
             best = outer
     if best is None:
@@ -111,21 +111,21 @@ def _exchanged(system: System, *, every: bool) -> System:
     )
 
 
-def _less_the_lost(value: ValueFunction, found: Certificate) -> OuterSet:
+def _less_the_lost(value: ValueFunction, certificate: Certificate) -> OuterSet:
     """All cells of the grid but those outside of the region, or certified to lead there."""
     from holdfast.analysis.certificates.arrival import flow_of
 
-    halvings = Halvings(found.cells, found.kept.depth)
-    left = np.ones(found.cells.total, dtype=bool)
-    left[found.kept.members] = False
-    left[sure_of(flow_of(found).arrived, halvings)] = False
+    halvings = Halvings(certificate.cells, certificate.kept.depth)
+    left = np.ones(certificate.cells.total, dtype=bool)
+    left[certificate.kept.members] = False
+    left[sure_of(flow_of(certificate).arrived, halvings)] = False
     return OuterSet(
         kind=value.report.kind,
         states=states_of(value),
-        cells=found.cells,
+        cells=certificate.cells,
         members=np.flatnonzero(left),
-        hold=found.hold,
-        lost=found if len(found.kept.members) else None,
+        hold=certificate.hold,
+        lost=certificate if len(certificate.kept.members) else None,
     )
 
 

@@ -166,11 +166,11 @@ def where(
 ) -> Wholes:
     """Numbers of the cells all over which something is sure, of all or among some."""
     among = np.arange(cells.total) if among is None else among
-    found = [among[:0]]
+    blocks = [among[:0]]
     for begin in range(0, len(among), BLOCK):
         flat = among[begin : begin + BLOCK]
-        found.append(flat[sure(*cells.corners(flat))])
-    return np.concatenate(found)
+        blocks.append(flat[sure(*cells.corners(flat))])
+    return np.concatenate(blocks)
 
 
 def images(
@@ -204,17 +204,17 @@ def images(
         begin, k = task
         part = slice(begin, begin + BLOCK)
         low, high = corners[0][part], corners[1][part]
-        found = flow.held(low, high, np.tile(candidates[k], (len(low), 1)))
-        a, b, stays = cells.touched(found.low, found.high)
-        usable[part, k] = found.kept & stays
+        ended = flow.held(low, high, np.tile(candidates[k], (len(low), 1)))
+        a, b, stays = cells.touched(ended.low, ended.high)
+        usable[part, k] = ended.kept & stays
         fine = usable[part, k][:, None]
         first[part, k], last[part, k] = np.where(fine, a, 0), np.where(fine, b, 0)
 
     left = np.flatnonzero(~blocks.done).tolist()
     with ThreadPoolExecutor(available_cores()) as pool:
         try:
-            found = pool.map(led, [tasks[k] for k in left])
-            for done, (k, _) in enumerate(zip(left, found, strict=True), 1):
+            ended = pool.map(led, [tasks[k] for k in left])
+            for done, (k, _) in enumerate(zip(left, ended, strict=True), 1):
                 blocks.note(k)
                 tell(label, (len(tasks) - len(left) + done) / len(tasks))
         except BaseException:
@@ -239,8 +239,8 @@ def in_steps(flow: HeldFlow, cells: Cells, candidates: Floats) -> HeldFlow:
     if flow.law is None:
         inputs = most = candidates[chance.integers(len(candidates), size=TRIED)]
     else:
-        given = flow.law.given(flow.law.initial, low, high)
-        low, high, inputs, most = low[given.row], high[given.row], given.low, given.high
+        choices = flow.law.given(flow.law.initial, low, high)
+        low, high, inputs, most = low[choices.row], high[choices.row], choices.low, choices.high
 
     def gained(steps: int) -> float:
         held = trial.in_steps(steps).held(low, high, inputs, most)
@@ -305,7 +305,7 @@ def refined(
     _check_memory(cells, depth)
     ranks = np.full(cells.total, NONE, dtype=np.int32)
     region = np.zeros(cells.total, dtype=bool)
-    found: list[tuple[Wholes, Wholes]] = []
+    by_depth: list[tuple[Wholes, Wholes]] = []
     sweeps = 0
     for times in range(depth + 1):
         if times:
@@ -320,14 +320,14 @@ def refined(
         some = partial(images, flow, cells, candidates, tell=tell, store=store)
         inputs, count = _gained(cells, ranks, enough, times > 0, some, settle)
         gained = np.flatnonzero(ranks > before)
-        found.append((gained, np.stack([inputs[gained], ranks[gained]], axis=1)))
+        by_depth.append((gained, np.stack([inputs[gained], ranks[gained]], axis=1)))
         sweeps += count
     if target:
         region &= ranks < BEST
     halvings = Halvings(cells, depth)
     rows = [
-        np.column_stack([halvings.numbers(of, times), told])
-        for times, (of, told) in enumerate(found)
+        np.column_stack([halvings.numbers(of, times), columns])
+        for times, (of, columns) in enumerate(by_depth)
     ]
     return Refined(halvings, np.concatenate(rows), np.flatnonzero(region), sweeps)
 
@@ -338,7 +338,7 @@ def _gained(
 ) -> tuple[Wholes, int]:  # fmt: skip
     """Raises the ranks of cells, all or the halves beside better ones; their inputs, and sweeps."""
     inputs, tried = np.zeros(cells.total, dtype=np.int64), np.zeros(cells.total, dtype=bool)
-    found, sweeps = None, 0
+    all_images, sweeps = None, 0
     while True:
         fresh = (ranks < enough) & (ranks >= REGION) & ~tried
         if halves:
@@ -347,11 +347,11 @@ def _gained(
             return inputs, sweeps
         tried |= fresh
         more = some(np.flatnonzero(fresh))
-        found = more if found is None else joined(found, more)
-        reached, chosen, count = settle(found, cells, ranks)
+        all_images = more if all_images is None else joined(all_images, more)
+        reached, chosen, count = settle(all_images, cells, ranks)
         sweeps += count
-        better = reached > ranks[found.cells]
-        at = found.cells[better]
+        better = reached > ranks[all_images.cells]
+        at = all_images.cells[better]
         ranks[at], inputs[at] = reached[better], chosen[better]
         if not halves or not better.any():
             return inputs, sweeps
@@ -359,20 +359,20 @@ def _gained(
 
 def doubled(values: npt.NDArray[Any], cells: Cells) -> npt.NDArray[Any]:
     """What is known of the cells that these are halves of, for each of these."""
-    found = values.reshape([n // 2 for n in cells.counts])
-    for axis in range(found.ndim):
-        found = np.repeat(found, 2, axis=axis)
-    return found.reshape(-1)
+    finer = values.reshape([n // 2 for n in cells.counts])
+    for axis in range(finer.ndim):
+        finer = np.repeat(finer, 2, axis=axis)
+    return finer.reshape(-1)
 
 
 def sure_of(sure: Callable[[Floats, Floats], Truths], halvings: Halvings) -> Wholes:
     """The smallest cells all over which something is sure, or all over a cell that they are in."""
-    found = np.zeros(0, dtype=bool)
+    certain = np.zeros(0, dtype=bool)
     for g in range(halvings.depth + 1):
         grid = halvings.grid(g)
-        found = doubled(found, grid) if g else np.zeros(grid.total, dtype=bool)
-        found[where(sure, grid, np.flatnonzero(~found))] = True
-    return np.flatnonzero(found)
+        certain = doubled(certain, grid) if g else np.zeros(grid.total, dtype=bool)
+        certain[where(sure, grid, np.flatnonzero(~certain))] = True
+    return np.flatnonzero(certain)
 
 
 def _beside_better(ranks: Ranks, cells: Cells) -> Truths:

@@ -65,14 +65,14 @@ def law_of_cases(
     """
     program = controller_program(system, law)
     _check(program, ranges)
-    found = _Cases(program, sample_time, bool(parts))
-    options = tuple(found.of_mode(k) for k in range(len(program.modes)))
+    builder = _Cases(program, sample_time, bool(parts))
+    options = tuple(builder.of_mode(k) for k in range(len(program.modes)))
     lookup = program.lookup
     if lookup is not None:
-        lookup = lookup.subs(found.numbers)
-    given = LawCases(program.modes, program.initial_mode, options, parts, lookup)
-    _check_symbols(program, given)
-    return given
+        lookup = lookup.subs(builder.numbers)
+    cases = LawCases(program.modes, program.initial_mode, options, parts, lookup)
+    _check_symbols(program, cases)
+    return cases
 
 
 class _Cases:
@@ -87,13 +87,13 @@ class _Cases:
     def of_mode(self, mode: int) -> tuple[Option | Program, ...]:
         """The options of a sample before which the law is in this mode."""
         passed: list[Conditions] = [()]  # the ways in which no guard before holds
-        found: list[Option | Program] = []
+        options: list[Option | Program] = []
         for guard, target in self.program.transitions.get(self.program.modes[mode], ()):
             parts = _conjuncts(guard)
             for way in passed:
-                found += self._after((*way, *(-e for e in parts)), target)
+                options += self._after((*way, *(-e for e in parts)), target)
             passed = [(*way, e) for way in passed for e in parts]
-        return (*found, *(o for way in passed for o in self._after(way, mode)))
+        return (*options, *(o for way in passed for o in self._after(way, mode)))
 
     def _after(self, taken: Conditions, mode: int) -> list[Option | Program]:
         """The options of the law of a mode, where these conditions hold."""
@@ -224,14 +224,14 @@ def _check(program: ControllerProgram, ranges: Mapping[str, Range]) -> None:
             )
 
 
-def _check_symbols(program: ControllerProgram, given: LawCases) -> None:
-    known = {q.symbol for q in (*program.measurements, *program.system.inputs)}
-    known |= set(given.lookup.symbols) if given.lookup else set()
-    known |= {TIME_IN_MODE}
-    if odd := symbols_of(given.expressions) - known:
-        told = {TIME: "the time"}
+def _check_symbols(program: ControllerProgram, cases: LawCases) -> None:
+    allowed = {q.symbol for q in (*program.measurements, *program.system.inputs)}
+    allowed |= set(cases.lookup.symbols) if cases.lookup else set()
+    allowed |= {TIME_IN_MODE}
+    if odd := symbols_of(cases.expressions) - allowed:
+        labels = {TIME: "the time"}
         handed = {q.symbol for q in program.handed}
-        which = ", ".join(sorted(told.get(s, str(s)) for s in odd))
+        which = ", ".join(sorted(labels.get(s, str(s)) for s in odd))
         raise SimulationError(
             f"law '{program.switching.name}' uses {which}"
             + (", which others hand it, beyond its outputs" if odd & handed else ""),
@@ -258,13 +258,13 @@ class Leads:
 
     def surely(self, cells: Cells, members: list[Truths]) -> Truths:
         """Which lead into a set: of each mode whether a cell is a member."""
-        found = self.usable.copy()
-        for mode, own in enumerate(members):
-            some = np.flatnonzero(found & (self.to == mode))
-            counted = Counted(cells, own)
+        sure = self.usable.copy()
+        for mode, marks in enumerate(members):
+            some = np.flatnonzero(sure & (self.to == mode))
+            counted = Counted(cells, marks)
             at = (self.first[some].astype(np.int64), self.last[some].astype(np.int64))
-            found[some] = counted.all_of(*at)
-        return found
+            sure[some] = counted.all_of(*at)
+        return sure
 
 
 def kept_by_law(
@@ -277,14 +277,14 @@ def kept_by_law(
     """
     law = _law_of(flow)
     inside = where(flow.inside, cells)
-    found = leads(flow, cells, inside, progress or (lambda what, share: None))
+    moves = leads(flow, cells, inside, progress or (lambda what, share: None))
     alive = np.ones((law.modes, len(inside)), dtype=bool)
     lasts = np.zeros(alive.shape, dtype=np.int64)
-    led = np.bincount(found.place, minlength=alive.size) > 0
+    led = np.bincount(moves.place, minlength=alive.size) > 0
     sweeps, total = 0, int(np.prod(cells.counts))
     while holds is None or sweeps < holds:
-        sure = found.surely(cells, [_marked(total, inside[own]) for own in alive])
-        now = alive & _all_of(found, sure, led, alive.shape)
+        sure = moves.surely(cells, [_marked(total, inside[flags]) for flags in alive])
+        now = alive & _all_of(moves, sure, led, alive.shape)
         same = bool((now == alive).all())
         alive = now
         sweeps += 1
@@ -311,14 +311,14 @@ def reached_by_law(
     law = _law_of(flow)
     arrived = where(flow.arrived, cells)
     region = np.setdiff1d(where(flow.inside, cells), arrived)
-    found = leads(flow, cells, region, progress or (lambda what, share: None))
+    moves = leads(flow, cells, region, progress or (lambda what, share: None))
     level = np.zeros((law.modes, len(region)), dtype=np.int64)
-    led = np.bincount(found.place, minlength=level.size) > 0
+    led = np.bincount(moves.place, minlength=level.size) > 0
     total, sweeps = int(np.prod(cells.counts)), 0
     while holds is None or sweeps < holds:
-        captured = [_marked(total, arrived, region[own > 0]) for own in level]
-        sure = found.surely(cells, captured)
-        fresh = _all_of(found, sure, led, level.shape) & (level == 0)
+        captured = [_marked(total, arrived, region[levels > 0]) for levels in level]
+        sure = moves.surely(cells, captured)
+        fresh = _all_of(moves, sure, led, level.shape) & (level == 0)
         if not fresh.any():
             break
         sweeps += 1
@@ -333,7 +333,7 @@ def reached_by_law(
 
 def leads(flow: HeldFlow, cells: Cells, of: Wholes, tell: Progress) -> Leads:
     """All that the law may do in these cells, in every mode."""
-    law, corners, found = _law_of(flow), cells.corners(of), []
+    law, corners, moves = _law_of(flow), cells.corners(of), []
     what = f"{len(of):,} cells in the region, {law.modes} modes of the law"
     tell(what, 0.0)
     size, blocks = 0, range(0, len(of), BLOCK)
@@ -341,22 +341,22 @@ def leads(flow: HeldFlow, cells: Cells, of: Wholes, tell: Progress) -> Leads:
         for done, begin in enumerate(blocks, 1):
             part = slice(begin, begin + BLOCK)
             low, high = corners[0][part], corners[1][part]
-            given = law.given(mode, low, high)
-            held = flow.held(low[given.row], high[given.row], given.low, given.high)
+            choices = law.given(mode, low, high)
+            held = flow.held(low[choices.row], high[choices.row], choices.low, choices.high)
             a, b, stays = cells.touched(held.low, held.high)
             usable = held.kept & stays
             size += len(usable) * (17 + 8 * a.shape[1])
             check_memory(size, "what the law may do in all cells", "take fewer cells or parts")
             fine = usable[:, None]
-            place = mode * len(of) + begin + given.row
+            place = mode * len(of) + begin + choices.row
             ends = (np.where(fine, e, 0).astype(np.int32) for e in (a, b))
-            found.append((place, given.to, *ends, usable))
+            moves.append((place, choices.to, *ends, usable))
             tell(what, (mode + done / len(blocks)) / law.modes)
-    if not found:
+    if not moves:
         none, axes = np.empty(0, dtype=np.int64), len(cells.counts)
         block = np.empty((0, axes), dtype=np.int32)
         return Leads(none, none, block, block, np.empty(0, dtype=bool))
-    return Leads(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    return Leads(*(np.concatenate(parts) for parts in zip(*moves, strict=True)))
 
 
 def inputs_under_way(flow: HeldFlow, cells: Cells) -> tuple[tuple[float, float], ...]:
@@ -370,10 +370,10 @@ def inputs_under_way(flow: HeldFlow, cells: Cells) -> tuple[tuple[float, float],
     for mode in range(law.modes):
         for begin in range(0, len(inside), BLOCK):
             part = slice(begin, begin + BLOCK)
-            given = law.given(mode, low[part], high[part])
-            known = np.isfinite(given.low).all(axis=1) & np.isfinite(given.high).all(axis=1)
-            if known.any():
-                ends.append((given.low[known].min(axis=0), given.high[known].max(axis=0)))
+            choices = law.given(mode, low[part], high[part])
+            bounded = np.isfinite(choices.low).all(axis=1) & np.isfinite(choices.high).all(axis=1)
+            if bounded.any():
+                ends.append((choices.low[bounded].min(axis=0), choices.high[bounded].max(axis=0)))
     if not ends:
         raise SimulationError(
             "no bounds of the law's inputs are known", expected="a system with bounds of its inputs"
@@ -388,14 +388,14 @@ def _law_of(flow: HeldFlow) -> LawRanges:
 
 
 def _marked(total: int, *cells: Wholes) -> Truths:
-    found = np.zeros(total, dtype=bool)
+    marks = np.zeros(total, dtype=bool)
     for some in cells:
-        found[some] = True
-    return found
+        marks[some] = True
+    return marks
 
 
-def _all_of(found: Leads, sure: Truths, led: Truths, shape: tuple[int, ...]) -> Truths:
+def _all_of(moves: Leads, sure: Truths, led: Truths, shape: tuple[int, ...]) -> Truths:
     """The places in which all that the law may do is sure, and it does something."""
     good = led.copy()
-    good[found.place[~sure]] = False
+    good[moves.place[~sure]] = False
     return good.reshape(shape)

@@ -69,8 +69,8 @@ class LawJudgement:
     @property
     def undecided(self) -> Floats:
         """The middles of the cells in the region of which nothing is proved, (cells, states)."""
-        kept = self.certificate.kept
-        low, high = kept.cells.corners(np.setdiff1d(kept.region, kept.members))
+        kept_set = self.certificate.kept
+        low, high = kept_set.cells.corners(np.setdiff1d(kept_set.region, kept_set.members))
         return 0.5 * (low + high)
 
 
@@ -103,43 +103,44 @@ def judge_law(
     law: with its modes, safeguard and table; it begins in its first mode. The arguments are those
     of `hf.certify`, which also says what is raised.
     """
-    found = certify(
+    certificate = certify(
         system, region, box=box, cells=cells, sample_time=sample_time, horizon=horizon,
         inputs=inputs, uncertain=uncertain, disturbance=disturbance, law=law, errors=errors,
         delay=delay, progress=progress,
     )  # fmt: skip
-    if found.kept.share == 1:
-        return LawJudgement(found, None)
-    return LawJudgement(found, _leaving(found))
+    if certificate.kept.share == 1:
+        return LawJudgement(certificate, None)
+    return LawJudgement(certificate, _leaving(certificate))
 
 
-def _leaving(found: Certificate) -> Leaving | None:
+def _leaving(certificate: Certificate) -> Leaving | None:
     """The first trajectory that surely leaves the region, from a cell that is not certified."""
-    middles = LawJudgement(found, None).undecided
+    middles = LawJudgement(certificate, None).undecided
     if len(middles) > STARTS:
         middles = np.random.default_rng(0).permutation(middles)[:STARTS]
-    states = [symbol(n) for n, _ in found.states]
-    free = [n for n, _ in (*found.disturbances, *found.parameters)]
-    names = [n for n, _, _ in found.constraints]
+    states = [symbol(n) for n, _ in certificate.states]
+    free = [n for n, _ in (*certificate.disturbances, *certificate.parameters)]
+    names = [n for n, _, _ in certificate.constraints]
     limits = Enclosure(
-        [exact(e) for _, _, e in found.constraints], [*states, *(symbol(n) for n in free)]
+        [exact(e) for _, _, e in certificate.constraints], [*states, *(symbol(n) for n in free)]
     )
-    holds = found.kept.holds or max(round(SECONDS / found.hold), 1)
-    for corner in itertools.product(*(sorted(set(found.ranges[n])) for n in free)):
+    holds = certificate.kept.holds or max(round(SECONDS / certificate.hold), 1)
+    for corner in itertools.product(*(sorted(set(certificate.ranges[n])) for n in free)):
         held = dict(zip(free, corner, strict=True))
-        path = _run(found, states, held, middles, holds)
+        path = _run(certificate, states, held, middles, holds)
         for low, high in path:
-            given = np.broadcast_to(np.array(corner), (len(low[-1]), len(free)))
+            corners = np.broadcast_to(np.array(corner), (len(low[-1]), len(free)))
             least, _ = limits.over(
-                np.concatenate([low[-1], given], axis=1), np.concatenate([high[-1], given], axis=1)
+                np.concatenate([low[-1], corners], axis=1),
+                np.concatenate([high[-1], corners], axis=1),
             )
             worst = np.nan_to_num(least, nan=-np.inf)
             if worst.max() > 0:
                 k, c = np.unravel_index(worst.argmax(), worst.shape)
                 return Leaving(
-                    {n: float(v) for (n, _), v in zip(found.states, middles[k], strict=True)},
+                    {n: float(v) for (n, _), v in zip(certificate.states, middles[k], strict=True)},
                     held,
-                    found.hold * np.arange(len(low), dtype=np.float64),
+                    certificate.hold * np.arange(len(low), dtype=np.float64),
                     np.array([row[k] for row in low]),
                     np.array([row[k] for row in high]),
                     names[c],
@@ -149,14 +150,18 @@ def _leaving(found: Certificate) -> Leaving | None:
 
 
 def _run(
-    found: Certificate, states: list[Any], held: Mapping[str, float], starts: Floats, holds: int
+    certificate: Certificate,
+    states: list[Any],
+    held: Mapping[str, float],
+    starts: Floats,
+    holds: int,
 ) -> Iterator[tuple[list[Floats], list[Floats]]]:
     """After each hold all boxes until then; of trajectories under constant numbers."""
-    disturbances = {symbol(n): (held[n], held[n]) for n, _ in found.disturbances}
-    parameters = {symbol(n): (held[n], held[n]) for n, _ in found.parameters}
+    disturbances = {symbol(n): (held[n], held[n]) for n, _ in certificate.disturbances}
+    parameters = {symbol(n): (held[n], held[n]) for n, _ in certificate.parameters}
     flow = HeldFlow(
-        found.rates, [], states, [symbol(n) for n, _ in found.inputs], disturbances, parameters,
-        Sampling(found.hold, law=found.sampling.law),
+        certificate.rates, [], states, [symbol(n) for n, _ in certificate.inputs], disturbances,
+        parameters, Sampling(certificate.hold, law=certificate.sampling.law),
     )  # fmt: skip
     assert flow.law is not None
     low, high = [starts], [starts]
@@ -164,10 +169,10 @@ def _run(
     for _ in range(holds):
         row, least, most, mode = _certain(flow.law, mode, low[-1], high[-1])
         after = flow.held(low[-1][row], high[-1][row], least, most)
-        known = row[after.kept]  # of others no box of the way was found
+        followed = row[after.kept]  # of others no box of the way was found
         for ends, led in ((low, after.low), (high, after.high)):
             ends.append(np.full(starts.shape, np.nan))
-            ends[-1][known] = led[after.kept]
+            ends[-1][followed] = led[after.kept]
         yield low, high
 
 
@@ -177,11 +182,11 @@ def _certain(
     """The boxes with which the law surely does one thing, its inputs, and all modes afterwards."""
     rows, least, most, after = [], [], [], mode.copy()
     for k in range(law.modes):
-        own = np.flatnonzero((mode == k) & np.isfinite(low).all(axis=1))
-        given = law.given(k, low[own], high[own])
-        sure = np.bincount(given.row, minlength=len(own))[given.row] == 1
-        rows.append(own[given.row[sure]])
-        least.append(given.low[sure])
-        most.append(given.high[sure])
-        after[rows[-1]] = given.to[sure]
+        here = np.flatnonzero((mode == k) & np.isfinite(low).all(axis=1))
+        choices = law.given(k, low[here], high[here])
+        sure = np.bincount(choices.row, minlength=len(here))[choices.row] == 1
+        rows.append(here[choices.row[sure]])
+        least.append(choices.low[sure])
+        most.append(choices.high[sure])
+        after[rows[-1]] = choices.to[sure]
     return np.concatenate(rows), np.concatenate(least), np.concatenate(most), after

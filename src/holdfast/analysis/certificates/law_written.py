@@ -31,7 +31,7 @@ def written(law: LawCases, under_way: Ranges, text: Callable[[sp.Expr], str]) ->
     def texts(expressions: Sequence[sp.Expr]) -> list[str]:
         return [text(e) for e in expressions]
 
-    def given(o: Option | Program) -> Any:
+    def inputs_of(o: Option | Program) -> Any:
         if isinstance(o, Option):
             return texts(o.inputs)
         return {
@@ -46,33 +46,33 @@ def written(law: LawCases, under_way: Ranges, text: Callable[[sp.Expr], str]) ->
     return {
         "names": list(law.modes),
         "initial": law.initial,
-        "modes": [[[texts(o.when), given(o), o.to] for o in mode] for mode in law.options],
+        "modes": [[[texts(o.when), inputs_of(o), o.to] for o in mode] for mode in law.options],
         "parts": [_hexadecimal(edges) for edges in law.parts],
         "under_way": [_hexadecimal(ends) for ends in under_way],
         "table": None if law.lookup is None else _table(law.lookup, texts(law.lookup.places)),
     }
 
 
-def read(given: Any, names: Mapping[str, sp.Expr], read: Read) -> tuple[LawCases, Ranges]:
+def read(law: Any, names: Mapping[str, sp.Expr], read: Read) -> tuple[LawCases, Ranges]:
     """The law of a header, and its inputs that may be under way; read: of the text of expressions.
 
     Raises what `read` does, and `ValueError`, `KeyError` or `TypeError` for other content.
     """
-    if given.keys() != LAW:
-        raise ValueError(f"the law has other parts: {', '.join(sorted(given.keys() ^ LAW))}")
-    table = given["table"]
+    if law.keys() != LAW:
+        raise ValueError(f"the law has other parts: {', '.join(sorted(law.keys() ^ LAW))}")
+    table = law["table"]
     lookup = None if table is None else _lookup(table, names, read)
-    known = {**names, TIME_IN_MODE.name: TIME_IN_MODE}
-    known |= {s.name: s for s in (lookup.symbols if lookup else ())}
-    modes, initial = tuple(map(str, given["names"])), given["initial"]
-    numbers = [initial, *(to for mode in given["modes"] for _, _, to in mode)]
-    if len(modes) != len(given["modes"]) or any(
+    symbols = {**names, TIME_IN_MODE.name: TIME_IN_MODE}
+    symbols |= {s.name: s for s in (lookup.symbols if lookup else ())}
+    modes, initial = tuple(map(str, law["names"])), law["initial"]
+    numbers = [initial, *(to for mode in law["modes"] for _, _, to in mode)]
+    if len(modes) != len(law["modes"]) or any(
         type(k) is not int or not 0 <= k < len(modes) for k in numbers
     ):
         raise ValueError("the law has a mode that there is none of")
 
     def several(texts: Any) -> tuple[sp.Expr, ...]:
-        return tuple(read(e, known) for e in texts)
+        return tuple(read(e, symbols) for e in texts)
 
     def option(when: Any, inputs: Any, to: int) -> Option | Program:
         if not isinstance(inputs, dict):
@@ -87,9 +87,9 @@ def read(given: Any, names: Mapping[str, sp.Expr], read: Read) -> tuple[LawCases
             None if box is None else tuple((low, high) for low, high in map(several, box)), to,
         )  # fmt: skip
 
-    options = tuple(tuple(option(*o) for o in mode) for mode in given["modes"])
-    parts = tuple(tuple(map(float.fromhex, edges)) for edges in given["parts"])
-    under_way = tuple((float.fromhex(a), float.fromhex(b)) for a, b in given["under_way"])
+    options = tuple(tuple(option(*o) for o in mode) for mode in law["modes"])
+    parts = tuple(tuple(map(float.fromhex, edges)) for edges in law["parts"])
+    under_way = tuple((float.fromhex(a), float.fromhex(b)) for a, b in law["under_way"])
     return LawCases(modes, initial, options, parts, lookup), under_way
 
 
@@ -108,20 +108,20 @@ def _table(lookup: Lookup, places: list[str]) -> dict[str, Any]:
 def _lookup(table: Any, names: Mapping[str, sp.Expr], read: Read) -> Lookup:
     texts, ends, shape, periodic = zip(*table["axes"], strict=True)
     low, steps = np.array([[float.fromhex(v) for v in axis] for axis in ends]).T
-    found = Lookup(tuple(read(e, names) for e in texts), None)
+    lookup = Lookup(tuple(read(e, names) for e in texts), None)
     nodes = {name: [_unpacked(end) for end in ends] for name, ends in table["nodes"].items()}
-    if nodes.keys() != {s.name for s in found.symbols}:
+    if nodes.keys() != {s.name for s in lookup.symbols}:
         raise ValueError("a table has other names")
-    values = nodes[found.value.name][0]
+    values = nodes[lookup.value.name][0]
     counts = np.array(shape, dtype=np.int64)
     if len(values) != counts.prod() or counts.min() < 2 or not (steps > 0).all():
         raise ValueError("the nodes of a table are not as many as its axes say")
     numbers = (values, low, steps, counts, np.array(periodic, dtype=bool))
-    own = TableRanges(numbers).nodes
-    for s, ends in zip(found.symbols, own, strict=True):
+    computed = TableRanges(numbers).nodes
+    for s, ends in zip(lookup.symbols, computed, strict=True):
         if not all(map(np.array_equal, nodes[s.name], (e.ravel() for e in ends))):
             raise ValueError("the slopes of a table are not those of its values")
-    return replace(found, table=numbers)
+    return replace(lookup, table=numbers)
 
 
 def unpacked(packed: bytes, times: int) -> bytes:

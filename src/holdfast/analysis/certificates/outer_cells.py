@@ -61,14 +61,14 @@ class OuterSet:
         points = np.atleast_2d(np.asarray(states, dtype=np.float64))
         noted = self._noted()
         first, last, inside = self.cells.touched(points, points)
-        found = ~inside & (self.kind in KEPT)
+        possible = ~inside & (self.kind in KEPT)
         for row in np.flatnonzero(inside):
             block = [
                 np.arange(a, b + 1) % n
                 for a, b, n in zip(first[row], last[row], self.cells.counts, strict=True)
             ]
-            found[row] = noted[np.ix_(*block)].any()
-        return found
+            possible[row] = noted[np.ix_(*block)].any()
+        return possible
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -167,11 +167,11 @@ def free_flow(
     free = {q.symbol: ranges[q.name] for q in players}
     fixed = {p.symbol: ranges[p.name] for p in parameters_of(system, regions).values()}
     flow = HeldFlow(rates, [], states, [], free, fixed, hold)
-    given = {**free, **fixed}
-    enclosure = Enclosure(rates, [*states, *given])
+    intervals = {**free, **fixed}
+    enclosure = Enclosure(rates, [*states, *intervals])
 
     def over(low: Floats, high: Floats) -> tuple[Floats, Floats]:
-        ends = [np.tile([e[k] for e in given.values()], (len(low), 1)) for k in (0, 1)]
+        ends = [np.tile([e[k] for e in intervals.values()], (len(low), 1)) for k in (0, 1)]
         return enclosure.over(np.hstack([low, ends[0]]), np.hstack([high, ends[1]]))
 
     return flow, over

@@ -81,7 +81,7 @@ def outer_set(
         )
     if sample_time is not None and not (math.isfinite(sample_time) and sample_time > 0):
         raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
-    known = with_disturbance(system, report.disturbance)
+    model = with_disturbance(system, report.disturbance)
     counts = {
         a.name: cells if isinstance(cells, int) else (cells or {}).get(
             a.name, a.count - (a.ends != "periodic")
@@ -91,7 +91,7 @@ def outer_set(
     if report.kind in KEPT:
         if region is None:
             raise SimulationError("an outer set of a kernel without its region")
-        found = kept_outside(value, known, region, counts, sample_time, inputs, halvings, progress)
+        outer = kept_outside(value, model, region, counts, sample_time, inputs, halvings, progress)
     else:
         start = target if report.kind == "capture-basin" else region
         within = region if report.kind == "capture-basin" else None
@@ -100,5 +100,5 @@ def outer_set(
                 f"an outer set of a '{report.kind}' without where it ends",
                 remedy="give the target of a capture basin, the region of another",
             )
-        found = reached_within(value, known, start, within, counts, sample_time)
-    return found
+        outer = reached_within(value, model, start, within, counts, sample_time)
+    return outer

@@ -54,59 +54,59 @@ def delay_of(delay: float, sample_time: float) -> float:
 
 def parameters_of(system: System, regions: Sequence[Region]) -> dict[str, Parameter]:
     """Those of all. Raises `SimulationError` where one name has two values."""
-    found: dict[str, tuple[str, Parameter]] = {}
+    by_name: dict[str, tuple[str, Parameter]] = {}
     named = [(f"region '{r.name}'", r.parameters) for r in regions]
     named.append((f"system '{system.name}'", system.parameters))
     for name, parameters in named:
         for p in parameters:
-            where, other = found.setdefault(p.name, (name, p))
+            where, other = by_name.setdefault(p.name, (name, p))
             if other.value != p.value:
                 raise SimulationError(
                     f"'{p.name}' is {p.value:g} in {name} and {other.value:g} in {where}"
                 )
-    return {name: p for name, (_, p) in found.items()}
+    return {name: p for name, (_, p) in by_name.items()}
 
 
 def ranges_of(
     system: System,
     regions: Sequence[Region],
     uncertain: dict[str, Range],
-    known: dict[str, float],
+    constants: dict[str, float],
 ) -> dict[str, Range]:
     """What each parameter and disturbance may be."""
     every = parameters_of(system, regions).values()
-    found = {p.name: (float(p.value), float(p.value)) for p in every}
+    ranges = {p.name: (float(p.value), float(p.value)) for p in every}
     for name, (low, high) in uncertain.items():
-        if name not in found:
+        if name not in ranges:
             raise SimulationError(
                 f"uncertain names '{name}', which is no parameter",
-                remedy=suggestion(name, found),
+                remedy=suggestion(name, ranges),
             )
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise SimulationError(f"uncertain: {name} is {low:g} to {high:g}")
-        found[name] = (float(low), float(high))
-    for name in known:
+        ranges[name] = (float(low), float(high))
+    for name in constants:
         if name not in system.disturbance_names:
             raise SimulationError(
                 f"disturbance names '{name}', which is none",
                 remedy=suggestion(name, system.disturbance_names),
             )
-    if set(system.disturbance_names) - set(known):
+    if set(system.disturbance_names) - set(constants):
         if system.disturbance_bounds is None:
             raise SimulationError(f"system '{system.name}' has no bounds of its disturbances")
-        ends = _ends(system, system.disturbance_bounds, found)
+        ends = _ends(system, system.disturbance_bounds, ranges)
         for name, (least, most) in zip(system.disturbance_names, ends, strict=True):
-            found[name] = least[0], most[1]
-    return found | {name: (float(v), float(v)) for name, v in known.items()}
+            ranges[name] = least[0], most[1]
+    return ranges | {name: (float(v), float(v)) for name, v in constants.items()}
 
 
 def _ends(system: System, bounds: Bounds, ranges: Mapping[str, Range]) -> list[tuple[Range, Range]]:
     """Of each component what its least and its greatest value may be, every rounding counted."""
     ends = [e for pair in bounds.ranges() for e in pair]
-    found = _over_parameters(system, ends, ranges)
-    if not np.isfinite(found).all():
+    enclosed = _over_parameters(system, ends, ranges)
+    if not np.isfinite(enclosed).all():
         raise SimulationError("a bound is not finite", expected="finite bounds of all")
-    rows = [(float(a), float(b)) for a, b in found]
+    rows = [(float(a), float(b)) for a, b in enclosed]
     return list(zip(rows[0::2], rows[1::2], strict=True))
 
 
@@ -114,9 +114,11 @@ def _over_parameters(
     system: System, expressions: Sequence[sp.Expr], ranges: Mapping[str, Range]
 ) -> Floats:
     """Enclosures of expressions of the parameters, a row each."""
-    known = list(system.parameters)
-    corners = np.array([[ranges[p.name][end] for p in known] for end in (0, 1)]).reshape(2, 1, -1)
-    enclosure = Enclosure([exact(e) for e in expressions], [p.symbol for p in known])
+    parameters = list(system.parameters)
+    corners = np.array([[ranges[p.name][end] for p in parameters] for end in (0, 1)]).reshape(
+        2, 1, -1
+    )
+    enclosure = Enclosure([exact(e) for e in expressions], [p.symbol for p in parameters])
     low, high = enclosure.over(corners[0], corners[1])
     return np.stack([low[0], high[0]], axis=1)
 
@@ -136,13 +138,13 @@ def parts_of(
     if system.input_bounds is None:
         return ()
     ends = _ends(system, system.input_bounds, ranges)
-    found = []
+    edges = []
     numbers = counts_of(system, counts)
     for q, (least, most), count in zip(system.inputs, ends, numbers, strict=True):
         if count < 1:
             raise SimulationError(f"{q.name}: {count} parts")
-        found.append(tuple(np.linspace(least[0], most[1], count + 1).tolist()))
-    return tuple(found)
+        edges.append(tuple(np.linspace(least[0], most[1], count + 1).tolist()))
+    return tuple(edges)
 
 
 def candidates_of(

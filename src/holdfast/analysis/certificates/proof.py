@@ -48,24 +48,24 @@ class Proof:
         With a target: in what time it leads there, 0 where the state is there.
         """
         entries, _, _, shape, periodic, numbers, rows = self._table
-        axes, found = states.shape[1], 1 + self.candidates.shape[1]
-        out = np.empty((len(states), found))
+        axes, width = states.shape[1], 1 + self.candidates.shape[1]
+        out = np.empty((len(states), width))
         called(
             "look_in_cells", "look_in_cells_many", len(states), entries,
             np.ascontiguousarray(states), numbers, shape, periodic.astype(np.int64), axes, rows,
-            found, out, np.empty(2 * axes, dtype=np.int64),
+            width, out, np.empty(2 * axes, dtype=np.int64),
         )  # fmt: skip
         return out[:, 0], out[:, 1:]
 
-    def needed(self, kept: Floats) -> Wholes:
+    def needed(self, seconds: Floats) -> Wholes:
         """The level that an input has to lead to, for states that are kept so long [s].
 
         One less than that of their cell; to any certified cell from where none is, and from the
         target.
         """
         if not self.lasts:
-            return np.zeros(len(kept), dtype=np.int64)
-        levels = np.rint(kept / self.certificate.hold).astype(np.int64)
+            return np.zeros(len(seconds), dtype=np.int64)
+        levels = np.rint(seconds / self.certificate.hold).astype(np.int64)
         least = (self.certificate.kept.holds or 0) if self.certificate.target else 1
         return np.where(levels > 0, levels - 1, least)
 
@@ -82,13 +82,13 @@ class Proof:
         left = np.arange(len(states))
         for part in AROUND:
             x, room = states[left], part * self._widths
-            found = self.flow.held(x - room, x + room, inputs[left])
-            first, last, inside = self.cells.touched(found.low, found.high)
-            kept = found.kept & inside
-            for level in set(needed[left[kept]].tolist()):
-                some = np.flatnonzero(kept & (needed[left] == level))
+            held = self.flow.held(x - room, x + room, inputs[left])
+            first, last, inside = self.cells.touched(held.low, held.high)
+            usable = held.kept & inside
+            for level in set(needed[left[usable]].tolist()):
+                some = np.flatnonzero(usable & (needed[left] == level))
                 fine[left[some]] = self._set(level).all_of(first[some], last[some])
-            left = left[~found.kept]
+            left = left[~held.kept]
             if not len(left):
                 break
         return fine

@@ -44,8 +44,8 @@ def _possible(system: System, region: Region) -> Callable[[Floats, Floats], Trut
     def possible(low: Floats, high: Floats) -> Truths:
         fixed = np.tile(numbers, (len(low), 1)).reshape(len(low), len(numbers))
         smallest, _ = enclosure.over(np.hstack([low, fixed]), np.hstack([high, fixed]))
-        found: Truths = np.logical_not((smallest > 0).any(axis=1))
-        return found
+        allowed: Truths = np.logical_not((smallest > 0).any(axis=1))
+        return allowed
 
     return possible
 
@@ -82,12 +82,12 @@ def reached_within(
             trouble = why or trouble
             if members is None:
                 continue
-            found = OuterSet(value.report.kind, states_of(value), cells, members, hold)
-            if best is None or found.volume < best.volume:
-                best = found
-            if found.volume >= last:
+            outer = OuterSet(value.report.kind, states_of(value), cells, members, hold)
+            if best is None or outer.volume < best.volume:
+                best = outer
+            if outer.volume >= last:
                 break
-            last = found.volume
+            last = outer.volume
     if best is None:
         raise SimulationError(
             f"no outer set is found: {trouble}",
@@ -136,11 +136,11 @@ def _spread(
     while len(fresh) and leg < legs:
         low, high = cells.corners(fresh)
         for _ in range(steps):
-            found = flow.held(low, high, np.empty((len(low), 0)))
-            if not found.kept.all():
+            held = flow.held(low, high, np.empty((len(low), 0)))
+            if not held.kept.all():
                 return None, f"no enclosure of the way for {flow.sampling.hold:g} s"
-            way = _clipped(cells, found.way_low, found.way_high, open_sides)
-            end = _clipped(cells, found.low, found.high, open_sides)
+            way = _clipped(cells, held.way_low, held.way_high, open_sides)
+            end = _clipped(cells, held.low, held.high, open_sides)
             if left := way[2]:
                 return None, f"a way leaves the grid at '{flow.states[left - 1]}'"
             _note(touched, cells, way[0], way[1])
@@ -156,11 +156,11 @@ def _spread(
 def _open_sides(cells: Cells, room: Truths) -> list[tuple[bool, bool]]:
     """At which ends of each axis a way may leave the grid: where a cell there is possible."""
     grid = room.reshape(cells.counts)
-    found = []
+    sides = []
     for axis, periodic in enumerate(cells.periodic):
         ends = tuple(bool(np.take(grid, k, axis=axis).any()) and not periodic for k in (0, -1))
-        found.append((ends[0], ends[1]))
-    return found
+        sides.append((ends[0], ends[1]))
+    return sides
 
 
 def _clipped(

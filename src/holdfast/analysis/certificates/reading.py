@@ -191,10 +191,10 @@ def unchecked(file: Path) -> tuple[Certificate, bytes]:
 
 
 def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    by_key = dict(pairs)
+    if len(by_key) < len(pairs):
         raise ValueError("a key stands twice")
-    return found
+    return by_key
 
 
 def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
@@ -224,10 +224,10 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
     if law and len(candidates):
         raise ValueError("it has a law, and inputs that were tried")
     candidates = candidates.reshape(len(candidates), 0 if law else -1)
-    given = {candidates.shape[1]}
+    counts = {candidates.shape[1]}
     if law:
-        given = {k for mode in law.options for o in mode for k in _counts(o)}
-    if len(rates) != len(named["states"]) or given != {len(named["inputs"])}:
+        counts = {k for mode in law.options for o in mode for k in _counts(o)}
+    if len(rates) != len(named["states"]) or counts != {len(named["inputs"])}:
         raise ValueError("rates, states, inputs and their values are not as many")
     sampling, holds = _sampling(header, candidates, law, late), header["holds"]
     if not (holds is None or (type(holds) is int and holds > 0)):
@@ -240,12 +240,12 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
         both = [e for *_, e in (*constraints, *target)]
         arrived = _region(halvings, both, states, parameters, sampling.errors)
         region = np.setdiff1d(region, arrived)
-    kept = _kept(header, packed, halvings, region)
+    kept_set = _kept(header, packed, halvings, region)
     return Certificate(
         title=_text(header["title"]), states=named["states"], inputs=named["inputs"],
         disturbances=named["disturbances"], parameters=named["parameters"], ranges=ranges,
-        rates=rates, constraints=constraints, sampling=sampling, candidates=candidates, kept=kept,
-        target=target,
+        rates=rates, constraints=constraints, sampling=sampling, candidates=candidates,
+        kept=kept_set, target=target,
     )  # fmt: skip
 
 
@@ -303,9 +303,9 @@ def _kept(header: Mapping[str, Any], packed: bytes, halvings: Halvings, region: 
     content = unpacked(packed, MOST_OF_ENTRIES)
     if len(content) != most:
         raise ValueError(f"its entries are not {count}")
-    found = np.frombuffer(content, dtype=ENTRY)
+    rows = np.frombuffer(content, dtype=ENTRY)
     names = ENTRY.names or ()
-    entries = np.stack([found[n].astype(np.int64) for n in names], axis=1)
+    entries = np.stack([rows[n].astype(np.int64) for n in names], axis=1)
     cell, tried, level = entries.T
     law = header["law"]
     inputs = len(law["modes"]) if law else len(header["candidates"])
@@ -315,11 +315,11 @@ def _kept(header: Mapping[str, Any], packed: bytes, halvings: Halvings, region: 
     ):  # fmt: skip
         raise ValueError("an entry has a cell, an input or a level that there is none of")
     first = entries[tried == law["initial"]] if law else entries
-    kept = Kept.of(halvings, first, holds, 0, region, target=bool(header["target"]))
-    members = kept.members
+    kept_set = Kept.of(halvings, first, holds, 0, region, target=bool(header["target"]))
+    members = kept_set.members
     if len(members) != header["cells_kept"] or (members[1:] == members[:-1]).any():
         raise ValueError(f"the cells that are kept are not {header['cells_kept']}")
-    return replace(kept, entries=entries)
+    return replace(kept_set, entries=entries)
 
 
 def _region(
@@ -341,8 +341,8 @@ def _region(
                 high[:, axis] = np.nextafter(high[:, axis] + error, np.inf)
         ends = [np.tile([r[k] for r in of.values()], (len(low), 1)) for k in (0, 1)]
         most = enclosure.over(np.hstack([low, ends[0]]), np.hstack([high, ends[1]]))[1]
-        found: Truths = np.asarray((most <= 0).all(axis=1))
-        return found
+        inside: Truths = np.asarray((most <= 0).all(axis=1))
+        return inside
 
     return sure_of(sure, halvings)
 

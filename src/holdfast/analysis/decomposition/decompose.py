@@ -71,15 +71,15 @@ def solve_parts(
                 expected="those of the system that was taken apart",
                 remedy="give them to decompose, or change the system",
             )
-    known = {n for p in decomposition.parts for n in p.system.state_names}
+    names = {n for p in decomposition.parts for n in p.system.state_names}
     tables: list[Mapping[str, Any]] = [box, ends or {}]
     if isinstance(nodes, Mapping):
         tables.append(nodes)
     for table in tables:
         for name in table:
-            if name not in known:
+            if name not in names:
                 raise SimulationError(
-                    f"'{name}' is not a state of a part", remedy=suggestion(name, known)
+                    f"'{name}' is not a state of a part", remedy=suggestion(name, names)
                 )
     count = len(decomposition.parts)
     values = []
@@ -108,8 +108,8 @@ ROOM = 1
 
 
 def _count(nodes: int | Mapping[str, int], name: str) -> int:
-    found = nodes.get(name) if isinstance(nodes, Mapping) else nodes
-    return whole(f"nodes along '{name}': ", found, 2)
+    count = nodes.get(name) if isinstance(nodes, Mapping) else nodes
+    return whole(f"nodes along '{name}': ", count, 2)
 
 
 def _whole_turn(decomposition: Decomposition, name: str) -> bool:
@@ -124,22 +124,22 @@ def _around(
     """The box of the decomposition with room around it."""
     if not decomposition.box:
         raise SimulationError("no box", expected="the intervals of all states of the parts")
-    found = {}
-    known = {n for p in decomposition.parts for n in p.system.state_names}
+    intervals = {}
+    names = {n for p in decomposition.parts for n in p.system.state_names}
     for name, (low, high) in decomposition.box.items():
-        if name not in known:
+        if name not in names:
             continue
         cells = _count(nodes, name) - 1 - 2 * ROOM
         if name not in decomposition.within or _whole_turn(decomposition, name):
-            found[name] = (low, high)
+            intervals[name] = (low, high)
             continue
         if cells < 1:
             raise SimulationError(
                 f"{cells + 1 + 2 * ROOM} nodes along '{name}'", expected=f"at least {2 + 2 * ROOM}"
             )
         more = ROOM * (high - low) / cells
-        found[name] = (low - more, high + more)
-    return found
+        intervals[name] = (low - more, high + more)
+    return intervals
 
 
 def _check_room(
@@ -213,8 +213,8 @@ def _solved(
         chosen.setdefault("arrival_steps", 0)
     if part.kind.startswith(("backward", "forward")):
         chosen["disturbances"] = whole.disturbances
-    found: ValueFunction = function(part.system, *about, over, horizon, progress=tell, **chosen)
-    return found
+    value: ValueFunction = function(part.system, *about, over, horizon, progress=tell, **chosen)
+    return value
 
 
 Interval = tuple[float, float]
@@ -262,36 +262,36 @@ def lag_free(
     Raises `DefinitionError` for lags that cannot be predicted, and `SimulationError` for a box
     without an interval, or one that the inequalities do not keep.
     """
-    found = predicted(system, share)
-    names = [q.name for q in found.states]
+    prediction = predicted(system, share)
+    names = [q.name for q in prediction.states]
     for name in names:
         if name not in box:
             raise SimulationError(
                 f"the box has no interval for '{name}'",
                 expected="intervals of all states but the actuators that lag",
             )
-    over = {q.symbol: (float(box[q.name][0]), float(box[q.name][1])) for q in found.states}
-    swung = dict(zip((a.symbol for a in found.actuators), found.intervals, strict=True))
-    free = _ranges(system.inputs, found.bounds)
+    over = {q.symbol: (float(box[q.name][0]), float(box[q.name][1])) for q in prediction.states}
+    swung = dict(zip((a.symbol for a in prediction.actuators), prediction.intervals, strict=True))
+    free = _ranges(system.inputs, prediction.bounds)
     felt = system.disturbance_bounds
     free |= _ranges(system.disturbances, felt.at(numbers) if felt is not None else None)
-    rates = affine_in(found.rates, swung, free, over)
-    moved = {c.name: c.expression.xreplace(dict(found.back)) for c in inequalities}
+    rates = affine_in(prediction.rates, swung, free, over)
+    moved = {c.name: c.expression.xreplace(dict(prediction.back)) for c in inequalities}
     fixed = {n: e.xreplace(dict(numbers)) for n, e in moved.items()}
     rows = affine_in(fixed, swung, {}, over)
     read = set().union(*(c.expression.free_symbols for c in inequalities))
-    unread = [q for q in found.states if q.symbol not in read]
+    unread = [q for q in prediction.states if q.symbol not in read]
     tight = [_tightened(c, rows[c.name], swung) for c in inequalities]
     asked = [e.expression.xreplace(dict(numbers)) for e in (*tight, *_within(unread, over))]
-    held = [q for q in found.states if q in unread or _goes_on(asked, q, over)]
+    held = [q for q in prediction.states if q in unread or _goes_on(asked, q, over)]
     return LagFree(
-        _system(system, found, rates, swung),
+        _system(system, prediction, rates, swung),
         (*tight, *_within(held, over)),
-        {q.symbol: q.symbol + found.shift[q.name] for q in found.states},
+        {q.symbol: q.symbol + prediction.shift[q.name] for q in prediction.states},
         {q.name: over[q.symbol] for q in held},
-        _predicted_domain(found),
-        found,
-        (_reason(found), *(_limited(q, over) for q in held if q not in unread)),
+        _predicted_domain(prediction),
+        prediction,
+        (_reason(prediction), *(_limited(q, over) for q in held if q not in unread)),
     )
 
 
@@ -303,14 +303,14 @@ def _ranges(members: Sequence[Quantity], bounds: object) -> dict[sp.Symbol, Inte
 
 def _system(
     system: System,
-    found: Prediction,
+    prediction: Prediction,
     rates: Mapping[str, Affine],
     swung: Mapping[sp.Symbol, Interval],
 ) -> System:
     """The system of z: the actuators and the rests are disturbances."""
     whole = {}
     rests: list[tuple[Quantity, float]] = []
-    for q in found.states:
+    for q in prediction.states:
         row = rates[q.name]
         terms = [row.still]
         for (a, (low, high)), gain in zip(swung.items(), row.gains, strict=True):
@@ -320,18 +320,18 @@ def _system(
             rests.append((rest, row.rest))
             terms.append(rest.symbol)
         whole[q.name] = sp.Add(*terms)
-    ends = [*found.intervals, *((-size, size) for _, size in rests)]
+    ends = [*prediction.intervals, *((-size, size) for _, size in rests)]
     bounds = product(Box(tuple(a for a, _ in ends), tuple(b for _, b in ends)),
                      system.disturbance_bounds) if system.disturbances else Box(
         tuple(a for a, _ in ends), tuple(b for _, b in ends))  # fmt: skip
     return replace(
         system,
         name=f"{system.name}, predicted",
-        states=found.states,
+        states=prediction.states,
         rates=whole,
         parameters=(),
-        input_bounds=found.bounds,
-        disturbances=(*found.actuators, *(q for q, _ in rests), *system.disturbances),
+        input_bounds=prediction.bounds,
+        disturbances=(*prediction.actuators, *(q for q, _ in rests), *system.disturbances),
         disturbance_bounds=bounds,
         pfaffian=(),
         measurements=(),
@@ -384,9 +384,9 @@ def _within(states: Sequence[Quantity], box: Mapping[sp.Symbol, Interval]) -> li
     return rows
 
 
-def _predicted_domain(found: Prediction) -> tuple[Inequality, ...]:
+def _predicted_domain(prediction: Prediction) -> tuple[Inequality, ...]:
     rows = []
-    for a, (low, high) in zip(found.actuators, found.intervals, strict=True):
+    for a, (low, high) in zip(prediction.actuators, prediction.intervals, strict=True):
         rows.append(Inequality(f"{a.name}_low", sp.Float(low) - a.symbol, a.unit))
         rows.append(Inequality(f"{a.name}_high", a.symbol - sp.Float(high), a.unit))
     return tuple(rows)
@@ -400,11 +400,11 @@ def _limited(state: Quantity, box: Mapping[sp.Symbol, Interval]) -> str:
     )
 
 
-def _reason(found: Prediction) -> str:
-    names = " and ".join(a.name for a in found.actuators)
+def _reason(prediction: Prediction) -> str:
+    names = " and ".join(a.name for a in prediction.actuators)
     is_, it, its, does = (
         ("is", "it stays", "its", "it still does")
-        if len(found.actuators) == 1
+        if len(prediction.actuators) == 1
         else ("are", "they stay", "their", "they still do")
     )
     return (
@@ -472,27 +472,27 @@ def decompose(
             f"a {kind} whose disturbances help, with states as disturbances that do not",
             expected='disturbances = "min"',
         )
-    known = with_disturbance(system, {} if disturbance is None else disturbance)
+    model = with_disturbance(system, {} if disturbance is None else disturbance)
     for r in (region, goal):
         if r is not None:
-            check_states(known, r)
+            check_states(model, r)
     rows = {"region": _rows(region), "goal": _rows(goal)}
-    numbers = _numbers(known, region, goal)
+    numbers = _numbers(model, region, goal)
     promised: dict[str, Guarantee] = {}
     free: LagFree | None = None
     if lag_share is not None:
         if kind not in ("viability-kernel", "discriminating-kernel"):
             raise SimulationError(f"lag_share of a {kind}", expected="a kernel that inputs keep")
         table = by_name("box", {} if box is None else box, '{"x": (0, 1)}')
-        free = lag_free(known, rows["region"], lag_share, table, numbers)
-        known, rows = free.system, {**rows, "region": list(free.inequalities)}
+        free = lag_free(model, rows["region"], lag_share, table, numbers)
+        model, rows = free.system, {**rows, "region": list(free.inequalities)}
     elif box is not None:
         raise SimulationError("box without lag_share", remedy="leave it out")
     if wanted:
-        kept = kind in KERNELS
-        promised = guarantees(_with_numbers(known, numbers), wanted, rows["region"], kept=kept)
+        always = kind in KERNELS
+        promised = guarantees(_with_numbers(model, numbers), wanted, rows["region"], always=always)
     intervals = {n: g.interval for n, g in promised.items()}
-    made = _made(known, rows, kind, helped, intervals, relative=free is None)
+    made = _made(model, rows, kind, helped, intervals, relative=free is None)
     lists = tuple(
         tuple(_part(g, kind, region, goal, aims, free) for g in grouping.groups)
         for grouping, aims in made
@@ -509,7 +509,7 @@ def decompose(
             )
     groupings = [grouping for grouping, _ in made]
     reasons, exact = _reasons(
-        kind, groupings, promised, free, bool(known.disturbances) and not helped
+        kind, groupings, promised, free, bool(model.disturbances) and not helped
     )
     return Decomposition(
         system=system,
@@ -519,7 +519,7 @@ def decompose(
         reasons=tuple(reasons),
         disturbances="max" if helped else "min",
         kept=region if kind in KERNELS else None,
-        domain=(*_domain(known, promised, lists, free), *(free.domain if free else ())),
+        domain=(*_domain(model, promised, lists, free), *(free.domain if free else ())),
         prediction=free.prediction if free else None,
         box=dict(box) if free and box is not None else {},
         within=tuple(free.within) if free else (),
@@ -571,7 +571,7 @@ def _made(
     def of(region: Sequence[Inequality], goal: Sequence[Inequality]) -> tuple[Grouping, set[str]]:
         every = [*goal, *_renamed(region, goal)]
         together = every if kind in TUBES else goal
-        found = grouped(
+        groups = grouped(
             system,
             every,
             cut=cut,
@@ -579,7 +579,7 @@ def _made(
             together=[c.name for c in together],
             relative=relative,
         )
-        return found, {c.name for c in goal}
+        return groups, {c.name for c in goal}
 
     whole = of(rows["region"], rows["goal"])
     apart = [
@@ -659,14 +659,14 @@ def _domain(
 ) -> list[Inequality]:
     """Where states that are cut off have to begin, unless a part keeps them there."""
     used = {n for parts in lists for p in parts for n in p.cut}
-    found = []
+    limits = []
     for q in system.states:
         if q.name in used and not promised[q.name].kept:
             low, high = promised[q.name].interval
             place = free.coordinates[q.symbol] if free else q.symbol
-            found.append(Inequality(f"{q.name}_low", low - place, q.unit))
-            found.append(Inequality(f"{q.name}_high", place - high, q.unit))
-    return found
+            limits.append(Inequality(f"{q.name}_low", low - place, q.unit))
+            limits.append(Inequality(f"{q.name}_high", place - high, q.unit))
+    return limits
 
 
 def _reasons(
@@ -677,27 +677,27 @@ def _reasons(
     opposed: bool,
 ) -> tuple[list[str], bool]:
     """The sentences that say why the sets of the parts make up the set, and whether exactly."""
-    found = [r for grouping in made for r in grouping.reasons]
+    reasons = [r for grouping in made for r in grouping.reasons]
     exact = True
     if kind in TUBES and any(len(g.factor.inequalities) > 1 for m in made for g in m.groups):
-        found.append(
+        reasons.append(
             "the inequalities of a target that is to be reached at any time stay together: parts "
             f"might be there at different times ({CHEN})"
         )
     count = max(len(grouping.groups) for grouping in made)
     if count > 1 and kind == "capture-basin":
         exact = False
-        found.append(
+        reasons.append(
             "the part of the goal and the parts that are kept share no input; they are kept for "
             "the whole horizon, longer than until the arrival"
         )
     elif count > 1:
         what = "no choice of the inputs" if kind == "invariance-kernel" else "no input"
-        found.append(f"the parts share {what}: each is kept by its own ({CHEN})")
+        reasons.append(f"the parts share {what}: each is kept by its own ({CHEN})")
     if len(made) > 1:
         tube = kind not in KERNELS
         exact &= tube and not opposed and kind != "capture-basin"
-        found.append(
+        reasons.append(
             f"one alternative is enough, and whoever acts may take any of them ({CHEN})"
             if tube and not opposed
             else "a state is in the set where one alternative alone has it; going from one to "
@@ -706,12 +706,12 @@ def _reasons(
     used = {n for m in made for g in m.groups for n in g.cut}
     if used:
         exact = False
-        found += [promised[n].reason for n in promised if n in used]
-        found.append(
+        reasons += [promised[n].reason for n in promised if n in used]
+        reasons.append(
             "a disturbance anywhere in an interval does at least what the state does that stays "
             f"in it ({STATE_DECOUPLING})"
         )
     if free is not None:
         exact = False
-        found += free.reasons
-    return found, exact
+        reasons += free.reasons
+    return reasons, exact

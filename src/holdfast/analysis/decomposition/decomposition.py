@@ -33,9 +33,9 @@ class Part:
     @property
     def about(self) -> Region:
         """The region whose inequalities decide the part."""
-        found = self.goal or self.region
-        assert found is not None
-        return found
+        region = self.goal or self.region
+        assert region is not None
+        return region
 
     @property
     def inequality_names(self) -> tuple[str, ...]:
@@ -121,14 +121,14 @@ def _line(part: Part, whole: System) -> str:
         else ("predicted " if n in whole.state_names else "") + f"{n} = {sp.sstr(sp.N(e, 3))}"
         for n, e in part.coordinates.items()
     )
-    given = ""
+    disturbed = ""
     if part.cut:
         units = {q.name: q.unit for q in part.system.disturbances}
         intervals = (f"{n} in {shown(i, units[n])}" for n, i in part.cut.items())
-        given = f", disturbed by {', '.join(intervals)}"
+        disturbed = f", disturbed by {', '.join(intervals)}"
     inputs = ", ".join(part.system.input_names) or "no input"
     about = ", ".join(part.inequality_names)
-    return f"part ({states}) by {inputs}{given}: {about}"
+    return f"part ({states}) by {inputs}{disturbed}: {about}"
 
 
 def _intervals(domain: Sequence[Inequality]) -> Iterator[str]:

@@ -74,7 +74,7 @@ def affine_in(
     made = {n: _row(n, e, middle, half, dict.fromkeys(free, sp.S.Zero)) for n, e in rows.items()}
     asked = [e for row in made.values() for _, e in row.bounds]
     sizes = iter(_largest(asked, {**box, **free, **swung}))
-    found = {}
+    affine = {}
     for n, row in made.items():
         rest = math.fsum(weight * next(sizes) for weight, _ in row.bounds)
         if not math.isfinite(rest):
@@ -83,8 +83,8 @@ def affine_in(
                 expected="rates that are finite over the box",
                 remedy="take a smaller box",
             )
-        found[n] = Affine(row.still, tuple(row.gains), rest * (1 + 1e-12))
-    return found
+        affine[n] = Affine(row.still, tuple(row.gains), rest * (1 + 1e-12))
+    return affine
 
 
 def _row(
@@ -193,11 +193,11 @@ def guarantees(
     asked: Mapping[str, Interval | None],
     inequalities: Sequence[Inequality],
     *,
-    kept: bool,
+    always: bool,
 ) -> dict[str, Guarantee]:
     """For every state asked for, the interval that it stays in; None asks for the one that it has.
 
-    kept: whether the inequalities are kept all the time. An interval is guaranteed by one of
+    always: whether the inequalities are kept all the time. An interval is guaranteed by one of
     these, or because the rate at either end does not lead out, whatever the inputs and the
     disturbances do and wherever the others are in their intervals (M. Nagumo, 1942).
 
@@ -211,22 +211,22 @@ def guarantees(
                 remedy=suggestion(name, names),
             )
     numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
-    limits = {n: _limits(system, n, inequalities, numbers) for n in names} if kept else {}
-    known = {n: i for n, i in limits.items() if i is not None}
-    found: dict[str, Guarantee] = {}
+    limits = {n: _limits(system, n, inequalities, numbers) for n in names} if always else {}
+    intervals = {n: i for n, i in limits.items() if i is not None}
+    proved: dict[str, Guarantee] = {}
     waiting = dict(asked)
     while waiting:
         done = {}
         for name, wanted in waiting.items():
-            guarantee = _guarantee(system, name, wanted, known, numbers, limits.get(name))
+            guarantee = _guarantee(system, name, wanted, intervals, numbers, limits.get(name))
             if guarantee is not None:
                 done[name] = guarantee
         if not done:
             raise _without(system, next(iter(waiting.items())))
-        found |= done
-        known |= {n: g.interval for n, g in done.items()}
+        proved |= done
+        intervals |= {n: g.interval for n, g in done.items()}
         waiting = {n: i for n, i in waiting.items() if n not in done}
-    return {n: found[n] for n in asked}
+    return {n: proved[n] for n in asked}
 
 
 def check_tried(part: Part) -> None:
@@ -250,7 +250,7 @@ def _guarantee(
     system: System,
     name: str,
     wanted: Interval | None,
-    known: Mapping[str, Interval],
+    intervals: Mapping[str, Interval],
     numbers: Mapping[sp.Symbol, sp.Expr],
     limit: Interval | None,
 ) -> Guarantee | None:
@@ -259,13 +259,13 @@ def _guarantee(
         return Guarantee(
             limit, f"'{name}' stays within {shown(limit, unit)}, which the region asks for", True
         )
-    found = wanted or _rests_within(system, name, known, numbers)
-    if found is None or not _invariant(system, name, found, known, numbers):
+    interval = wanted or _rests_within(system, name, intervals, numbers)
+    if interval is None or not _invariant(system, name, interval, intervals, numbers):
         return None
     return Guarantee(
-        found,
-        f"'{name}' stays within {shown(found, unit)} whatever the inputs do: at neither end does "
-        "its rate lead out",
+        interval,
+        f"'{name}' stays within {shown(interval, unit)} whatever the inputs do: at neither end "
+        "does its rate lead out",
         False,
     )
 
@@ -288,10 +288,10 @@ def _without(system: System, asked: tuple[str, Interval | None]) -> SimulationEr
 
 
 def _box(
-    system: System, known: Mapping[str, Interval], numbers: Mapping[sp.Symbol, sp.Expr]
+    system: System, intervals: Mapping[str, Interval], numbers: Mapping[sp.Symbol, sp.Expr]
 ) -> dict[sp.Symbol, Interval]:
     """The intervals of everything that a rate may depend on; infinite where none is known."""
-    box = {q.symbol: known.get(q.name, (-math.inf, math.inf)) for q in system.states}
+    box = {q.symbol: intervals.get(q.name, (-math.inf, math.inf)) for q in system.states}
     for members, bounds in (
         (system.inputs, system.input_bounds),
         (system.disturbances, system.disturbance_bounds),
@@ -319,11 +319,11 @@ def _invariant(
     system: System,
     name: str,
     interval: Interval,
-    known: Mapping[str, Interval],
+    intervals: Mapping[str, Interval],
     numbers: Mapping[sp.Symbol, sp.Expr],
 ) -> bool:
     symbol = next(q.symbol for q in system.states if q.name == name)
-    box = _box(system, known, numbers)
+    box = _box(system, intervals, numbers)
     rate = system.rates[name].xreplace(dict(numbers))
     whole = _over(rate, {**box, symbol: interval})
     if whole is None or not interval[0] < interval[1]:
@@ -346,14 +346,14 @@ def _lipschitz(
         return False
     slope = derivatives(rate, [symbol])[symbol]
     (low, high), width = interval, BEYOND * (interval[1] - interval[0])
-    found = [_over(slope, {**box, symbol: i}) for i in ((low - width, low), (high, high + width))]
-    return all(i is not None and math.isfinite(i[0]) and math.isfinite(i[1]) for i in found)
+    slopes = [_over(slope, {**box, symbol: i}) for i in ((low - width, low), (high, high + width))]
+    return all(i is not None and math.isfinite(i[0]) and math.isfinite(i[1]) for i in slopes)
 
 
 def _rests_within(
     system: System,
     name: str,
-    known: Mapping[str, Interval],
+    intervals: Mapping[str, Interval],
     numbers: Mapping[sp.Symbol, sp.Expr],
 ) -> Interval | None:
     """The interval of b / a where the rate is b - a s, with a number a above 0."""
@@ -362,7 +362,7 @@ def _rests_within(
     slope = sp.diff(rate, symbol)
     if not rate.is_polynomial(symbol) or not slope.is_number or not slope < 0:
         return None
-    rest = _over(sp.expand((rate - slope * symbol) / -slope), _box(system, known, numbers))
+    rest = _over(sp.expand((rate - slope * symbol) / -slope), _box(system, intervals, numbers))
     return rest if rest is not None and rest[0] < rest[1] else None
 
 

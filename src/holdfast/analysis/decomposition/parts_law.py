@@ -71,16 +71,16 @@ def check_held(value: PartsValue, options: Mapping[str, Any]) -> None:
     An actuator stays in its share, whatever w has been, if its response to w is never negative: the
     response settles at w, so that the thrust is a mean of the w until then.
     """
-    found = value.decomposition.prediction
-    if found is None or found.gain <= 1:
+    prediction = value.decomposition.prediction
+    if prediction is None or prediction.gain <= 1:
         return
     held, late = _times(options)
-    for actuator, constant in zip(found.actuators, _constants(value), strict=True):
-        if overshoot(constant, found.gain, held, late) > BEYOND:
+    for actuator, constant in zip(prediction.actuators, _constants(value), strict=True):
+        if overshoot(constant, prediction.gain, held, late) > BEYOND:
             raise SimulationError(
                 f"actuator '{actuator.name}' with a lag of {constant:.4g} s, which its commands "
-                f"make {found.gain:.4g} times faster, would leave its share in inputs held for "
-                f"{held:g} s" + (f" with a delay of {late:g} s" if late else ""),
+                f"make {prediction.gain:.4g} times faster, would leave its share in inputs held "
+                f"for {held:g} s" + (f" with a delay of {late:g} s" if late else ""),
                 remedy="take a shorter sample time or delay, or a larger lag_share",
             )
 
@@ -102,20 +102,20 @@ def overshoot(constant: float, gain: float, held: float, late: float) -> float:
 
 def held_errors(value: PartsValue, options: Mapping[str, Any]) -> tuple[float, ...]:
     """By how much the input that acts may differ from w while u is held, for each input."""
-    found = value.decomposition.prediction
-    if found is None or found.gain <= 1:
+    prediction = value.decomposition.prediction
+    if prediction is None or prediction.gain <= 1:
         return ()
-    return tuple((1 - 1 / found.gain) * moved for moved in _moved(value, options))
+    return tuple((1 - 1 / prediction.gain) * moved for moved in _moved(value, options))
 
 
 def _moved(value: PartsValue, options: Mapping[str, Any]) -> list[float]:
     """How far the thrust of each actuator may move while u is held."""
-    found = value.decomposition.prediction
-    assert found is not None
+    prediction = value.decomposition.prediction
+    assert prediction is not None
     held, late = _times(options)
     return [
-        min(1.0, (1 - math.exp(-(held + late) / constant)) * found.gain) * (high - low)
-        for (low, high), constant in zip(found.intervals, _constants(value), strict=True)
+        min(1.0, (1 - math.exp(-(held + late) / constant)) * prediction.gain) * (high - low)
+        for (low, high), constant in zip(prediction.intervals, _constants(value), strict=True)
     ]
 
 
@@ -123,13 +123,13 @@ def held_margin(
     value: PartsValue, solved: SolvedPart, options: Mapping[str, Any]
 ) -> dict[str, Any]:
     """The options with a margin for all that acts while inputs are held, if none is given."""
-    found = value.decomposition.prediction
-    if found is None or found.gain <= 1 or options.get("margin") is not None:
+    prediction = value.decomposition.prediction
+    if prediction is None or prediction.gain <= 1 or options.get("margin") is not None:
         return dict(options)
     held, late = _times(options)
     wider = 1.0
-    for (low, high), moved in zip(found.intervals, _moved(value, options), strict=True):
-        wider = max(wider, 1 + (1 - 1 / found.gain) * moved / min(-low, high))
+    for (low, high), moved in zip(prediction.intervals, _moved(value, options), strict=True):
+        wider = max(wider, 1 + (1 - 1 / prediction.gain) * moved / min(-low, high))
     system = solved.part.system
     bounds = system.input_bounds
     assert bounds is not None
@@ -255,20 +255,20 @@ def only_part(value: PartsValue) -> SolvedPart:
 
 def _command(value: PartsValue, solved: SolvedPart) -> tuple[sp.Expr, dict[str, sp.Expr]]:
     """k and b of the command u = k w + b, for every input of the whole."""
-    found = value.decomposition.prediction
+    prediction = value.decomposition.prediction
     names = value.decomposition.system.input_names
-    if found is None:
+    if prediction is None:
         return sp.S.One, dict.fromkeys(names, sp.S.Zero)
     none = {q.symbol: sp.S.Zero for q in solved.part.system.inputs}
-    return sp.Float(found.gain), {n: found.command[n].xreplace(none) for n in names}
+    return sp.Float(prediction.gain), {n: prediction.command[n].xreplace(none) for n in names}
 
 
 def _clipped(value: PartsValue, command: Mapping[str, sp.Expr]) -> dict[str, sp.Expr]:
     """b with actuators in their share, so that no command leaves its bounds wherever they are."""
-    found = value.decomposition.prediction
-    if found is None:
+    prediction = value.decomposition.prediction
+    if prediction is None:
         return dict(command)
-    ends = zip(found.actuators, found.intervals, strict=True)
+    ends = zip(prediction.actuators, prediction.intervals, strict=True)
     held = {a.symbol: clip(a.symbol, sp.Float(low), sp.Float(high)) for a, (low, high) in ends}
     return {n: e.xreplace(held) for n, e in command.items()}
 
@@ -292,12 +292,12 @@ def _unneeded(value: PartsValue, solved: SolvedPart) -> list[Row]:
 def _with_rows(guard: Safeguard, rows: Sequence[Row], names: Sequence[str]) -> Safeguard:
     """A safeguard with more hard rows, over all of the inputs."""
     none = (sp.S.Zero,) * len(guard.offsets)
-    own = {n: guard.normals.get(n, none) for n in names}
+    normals = {n: guard.normals.get(n, none) for n in names}
     more = {n: tuple(normal[i] for normal, _ in rows) for i, n in enumerate(names)}
     hard = guard.hard
     return replace(
         guard,
-        normals={n: (*row[:hard], *more[n], *row[hard:]) for n, row in own.items()},
+        normals={n: (*row[:hard], *more[n], *row[hard:]) for n, row in normals.items()},
         offsets=(*guard.offsets[:hard], *(b for _, b in rows), *guard.offsets[hard:]),
         hard=hard + len(rows),
     )
@@ -428,7 +428,7 @@ def check_parts(
                 remedy="leave out the promise where states are relative or do not matter",
             )
     steered = parts_law(value, law, sample_time=sample_time, rate=rate)
-    known = with_disturbance(system, disturbance or {})
+    model = with_disturbance(system, disturbance or {})
     inside, edge, outside, promised, share = _drawn(value, region, box, runs, margin, seed)
     if not len(inside):
         raise SimulationError(
@@ -437,34 +437,34 @@ def check_parts(
             remedy="take a finer grid, or a smaller margin",
         )
 
-    def kept(starts: Array, kinds: tuple[str, ...]) -> Rate:
+    def rate_of(starts: Array, kinds: tuple[str, ...]) -> Rate:
         stays = np.ones(len(starts), dtype=bool)
         for kind in kinds:
             more: dict[str, Any] = {}
             if kind:
-                found = schedules(known)
+                varying = schedules(model)
                 more = {
-                    "disturbance": found.expressions,
-                    "varied": found.drawn(kind, horizon, sample_time),
+                    "disturbance": varying.expressions,
+                    "varied": varying.drawn(kind, horizon, sample_time),
                 }
             result = simulate(
-                known, steered, starts=starts, region=region, horizon=horizon,
+                model, steered, starts=starts, region=region, horizon=horizon,
                 sample_time=sample_time, record_every=horizon, start_outside=True, seed=seed,
                 **more,
             )  # fmt: skip
             stays &= result.arrays["outcome"].values == int(Outcome.STAYED)
         return Rate(int(stays.sum()), len(stays))
 
-    every = (CONSTANT, INSIDE, SWITCHING, SWINGING) if known.disturbances else ("",)
+    every = (CONSTANT, INSIDE, SWITCHING, SWINGING) if model.disturbances else ("",)
     return PartsPromise(
         promised=promised,
-        inside=kept(inside, every),
-        outside=kept(outside, every[:1]) if len(outside) else None,
+        inside=rate_of(inside, every),
+        outside=rate_of(outside, every[:1]) if len(outside) else None,
         horizon=horizon,
         margin=margin,
         sample_time=sample_time,
         share=share,
-        edge=kept(edge, every) if len(edge) else None,
+        edge=rate_of(edge, every) if len(edge) else None,
     )
 
 
@@ -485,8 +485,8 @@ def default_parts_promise(value: PartsValue) -> PartsPromise | None:
     deepest = min(v.highest() for v in value.values)
     cell = max(r.cell for r in reports)
     margin = cell if cell < deepest else 0.0
-    given = reports[0].disturbance
-    disturbance = {n: float(v) for n, v in given.items()}
+    constants = reports[0].disturbance
+    disturbance = {n: float(v) for n, v in constants.items()}
     return check_parts(
         value, whole.kept, box_of_starts(value), disturbance=disturbance, runs=RUNS, margin=margin,
         horizon=horizon, sample_time=hold, law=at_rest(whole.system), rate=FALLS / hold,
@@ -499,21 +499,21 @@ def box_of_starts(value: PartsValue) -> dict[str, tuple[float, float]]:
     A state that no part reads begins at 0.
     """
     whole = value.decomposition
-    found: dict[str, tuple[float, float]] = {}
+    box: dict[str, tuple[float, float]] = {}
     for solved in (s for parts in value.parts for s in parts):
         for axis in solved.value.grid.axes:
             if axis.name in whole.system.state_names:
-                found.setdefault(axis.name, (axis.low, axis.high))
+                box.setdefault(axis.name, (axis.low, axis.high))
     for name, interval in ((n, i) for p in whole.parts for n, i in p.cut.items()):
-        found.setdefault(name, interval)
+        box.setdefault(name, interval)
     if whole.prediction is not None:
         names = (a.name for a in whole.prediction.actuators)
-        found |= dict(zip(names, whole.prediction.intervals, strict=True))
+        box |= dict(zip(names, whole.prediction.intervals, strict=True))
     read = {s for p in whole.parts for e in p.coordinates.values() for s in e.free_symbols}
     for q in whole.system.states:
         if q.symbol not in read:
-            found.setdefault(q.name, (0.0, 0.0))
-    return found
+            box.setdefault(q.name, (0.0, 0.0))
+    return box
 
 
 def _drawn(
@@ -531,7 +531,7 @@ def _drawn(
     symbols = [q.symbol for q in system.states]
     safe = Evaluator([region.margin], symbols, region.parameters)
     generator = np.random.default_rng(seed)
-    found: dict[bool, list[Array]] = {True: [], False: []}
+    sides: dict[bool, list[Array]] = {True: [], False: []}
     near: list[Array] = []
     count = total = deep = 0
     for _ in range(DRAWS):
@@ -540,12 +540,12 @@ def _drawn(
         levels = value.at(states)
         there = levels > 0
         count, total = count + int(there.sum()), total + len(states)
-        found[True].append(states[levels > margin])
+        sides[True].append(states[levels > margin])
         near.append(states[there & (levels <= margin)])
-        deep += len(found[True][-1])
-        found[False].append(states[~there])
-        if all(sum(map(len, some)) >= runs for some in found.values()):
+        deep += len(sides[True][-1])
+        sides[False].append(states[~there])
+        if all(sum(map(len, some)) >= runs for some in sides.values()):
             break
-    inside, outside = (np.vstack(found[k])[:runs] for k in (True, False))
+    inside, outside = (np.vstack(sides[k])[:runs] for k in (True, False))
     edge = np.vstack(near)[: (runs + 1) // 2]
     return inside, edge, outside, Rate(count, max(total, 1)), deep / max(count, 1)

@@ -69,10 +69,10 @@ def decomposition_of(dataset: xr.Dataset) -> Decomposition:
     if (layout := said["layout"]) != LAYOUT:
         raise ValueError(f"the decomposition has the layout {layout!r:.20}, not {LAYOUT}")
     try:
-        found: Decomposition = read(said, Decomposition, *RECORDS)
+        decomposition: Decomposition = read(said, Decomposition, *RECORDS)
     except HoldfastError as error:
         raise ValueError(error.cause) from None
-    return found
+    return decomposition
 
 
 def check_part(part: Part, value: ValueFunction, name: str) -> None:
@@ -144,16 +144,16 @@ class SolvedPart:
 
     def gradient(self, states: Array, time: float | None) -> Array:
         """dV/dq along the states of the whole, by the chain rule."""
-        own = self.value.gradient(self.coordinates(states), time)
-        slopes = self._slopes.values(states).reshape(len(states), own.shape[1], -1)
-        found: Array = np.einsum("ni,nij->nj", own, slopes)
-        return found
+        of_part = self.value.gradient(self.coordinates(states), time)
+        slopes = self._slopes.values(states).reshape(len(states), of_part.shape[1], -1)
+        of_whole: Array = np.einsum("ni,nij->nj", of_part, slopes)
+        return of_whole
 
     def inputs(self, states: Array, time: float | None) -> dict[str, Array]:
         """The optimal inputs of the part, by name."""
         points = self.coordinates(states)
-        found = self._optimal.values(np.hstack([points, self.value.gradient(points, time)]))
-        return {n: found[:, i] for i, n in enumerate(self.part.system.input_names)}
+        columns = self._optimal.values(np.hstack([points, self.value.gradient(points, time)]))
+        return {n: columns[:, i] for i, n in enumerate(self.part.system.input_names)}
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ class PartsValue:
         """dV/dq at states of shape (count, states): of the part that decides."""
         points = self._points(states)
         best = self._alternatives(points, time).argmax(axis=0)
-        found = np.full(points.shape, np.nan)
+        slopes = np.full(points.shape, np.nan)
         for k, parts in enumerate(self.parts):
             here = np.flatnonzero(best == k)
             if not len(here):
@@ -232,8 +232,8 @@ class PartsValue:
             for j, s in enumerate(parts):
                 mine = here[least == j]
                 if len(mine):
-                    found[mine] = s.gradient(points[mine], time)
-        return found
+                    slopes[mine] = s.gradient(points[mine], time)
+        return slopes
 
     @checked
     def inputs(self, states: npt.ArrayLike, time: float | None = None) -> Array:
@@ -248,14 +248,14 @@ class PartsValue:
         idle: list[Any] = [0.0] * len(system.inputs)
         if system.input_bounds is not None:
             idle = list(system.input_bounds.at(numbers).saturate(idle))
-        found = np.tile(np.array([float(v) for v in idle]), (len(points), 1))
+        chosen = np.tile(np.array([float(v) for v in idle]), (len(points), 1))
         best = self._alternatives(points, time).argmax(axis=0)
         for k, parts in enumerate(self.parts):
             here = np.flatnonzero(best == k)
             for s in parts if len(here) else ():
                 for n, column in s.inputs(points[here], time).items():
-                    found[here, system.input_names.index(n)] = column
-        return self._commands(points, found)
+                    chosen[here, system.input_names.index(n)] = column
+        return self._commands(points, chosen)
 
     @checked
     def share(
@@ -282,18 +282,18 @@ class PartsValue:
 
     def _commands(self, points: Array, chosen: Array) -> Array:
         """The inputs that bring about what the parts choose."""
-        found = self.decomposition.prediction
-        if found is None:
+        prediction = self.decomposition.prediction
+        if prediction is None:
             return chosen
         system = self.decomposition.system
         names = [*(q.symbol for q in system.inputs), *(q.symbol for q in system.states)]
-        commands = Evaluator(list(found.command.values()), names, ())
+        commands = Evaluator(list(prediction.command.values()), names, ())
         return commands.values(np.hstack([chosen, points]))
 
     def _alternatives(self, points: Array, time: float | None) -> Array:
         """The value of every alternative; -infinity where it is not known."""
-        found = [np.stack([s.at(points, time) for s in parts]) for parts in self.parts]
-        least = np.stack([levels.min(axis=0) for levels in found])
+        alternatives = [np.stack([s.at(points, time) for s in parts]) for parts in self.parts]
+        least = np.stack([levels.min(axis=0) for levels in alternatives])
         if len(least) == 1:
             return least
         return np.where(np.isnan(least), -np.inf, least)
@@ -317,8 +317,8 @@ class PartsValue:
         """By how much states (count, states) are outside the domain of the decomposition; or 0."""
         if self._domain is None:
             return np.zeros(len(points))
-        found = self._domain.values(points)
-        beyond: Array = np.where(found > self._rounding, found, 0.0).max(axis=1)
+        levels = self._domain.values(points)
+        beyond: Array = np.where(levels > self._rounding, levels, 0.0).max(axis=1)
         return beyond
 
     @cached_property

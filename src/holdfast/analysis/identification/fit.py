@@ -69,8 +69,8 @@ def lengths(
     if window is None:
         wanted = SLOWEST * slow if np.isfinite(slow) else 50 * values
         window = max(min(wanted, whole / LEAST_WINDOWS), LEAST_VALUES * values)
-    given = [log.inputs[q.name] for q in motion.inputs if q.name in log.inputs]
-    finest = min(period(s) for s in [*signals, *given])
+    commands = [log.inputs[q.name] for q in motion.inputs if q.name in log.inputs]
+    finest = min(period(s) for s in [*signals, *commands])
     most = min(max(finest, window / MOST_STEPS), FASTEST * fast, window / 8)
     # steps that divide the period of the commands, or are several: a command changes between steps
     step = (
@@ -100,8 +100,8 @@ def _time_constants(system: System, motion: MeasuredMotion, log: Log) -> tuple[f
             points[:, k] = np.interp(times, signal.time, signal.value)
     for k, q in enumerate(motion.unknown):
         points[:, len(motion.columns) - len(motion.unknown) + k] = values.get(q.name, 0.0)
-    found = Evaluator(motion.sensitivities, motion.columns, motion.parameters).values(points)
-    slopes = found[:, n : n + n * n].reshape(count, n, n)
+    computed = Evaluator(motion.sensitivities, motion.columns, motion.parameters).values(points)
+    slopes = computed[:, n : n + n * n].reshape(count, n, n)
     slopes = slopes[np.isfinite(slopes).all(axis=(1, 2))]
     if not len(slopes):
         return np.inf, np.inf
@@ -137,11 +137,11 @@ def ties(motion: MeasuredMotion, values: Floats) -> list[tuple[str, ...]]:
     some = generator.uniform(-1, 1, size=(_POINTS, len(motion.columns)))
     scale = np.where(values == 0, 1.0, np.abs(values))
     some[:, some.shape[1] - len(values) :] = values
-    found = compute.values(some)[:, n + n * n :].reshape(-1, len(values)) * scale
-    found = found[np.isfinite(found).all(axis=1)]
-    norm = np.linalg.norm(found, axis=0)
+    slopes = compute.values(some)[:, n + n * n :].reshape(-1, len(values)) * scale
+    slopes = slopes[np.isfinite(slopes).all(axis=1)]
+    norm = np.linalg.norm(slopes, axis=0)
     seen = norm > 0
-    _, singular, right = np.linalg.svd(found / np.where(seen, norm, 1.0), full_matrices=False)
+    _, singular, right = np.linalg.svd(slopes / np.where(seen, norm, 1.0), full_matrices=False)
     null = right[singular < TIED * singular[0]]
     names = [q.name for q in motion.unknown]
     return [tuple(names[k] for k in np.flatnonzero(np.abs(row) > 1e-6)) for row in _sparse(null)]
@@ -202,10 +202,10 @@ def deviations(information: Floats) -> Floats:
     if value[0] < 1e-12 * value[-1]:
         inverse = np.where(value > 1e-12 * value[-1], 1 / np.maximum(value, 1e-300), np.inf)
         with np.errstate(invalid="ignore"):
-            found = np.nansum(vector**2 * inverse, axis=1)
+            variance = np.nansum(vector**2 * inverse, axis=1)
     else:
-        found = (vector**2 / value).sum(axis=1)
-    return np.asarray(np.sqrt(found) / scale)
+        variance = (vector**2 / value).sum(axis=1)
+    return np.asarray(np.sqrt(variance) / scale)
 
 
 SHORTEST, LEAST_STEPS, FAR = 64, 8, 3.0
@@ -235,8 +235,8 @@ class Setting:
         length = self.step * max(round(self.length / part / self.step), 1)
         inputs = [q.name for q in motion.inputs]
         names = commanded_names(self.system, log, inputs)
-        found = windows_of(log, motion.names, names, length, self.step)
-        return applied(self.system, found, names, inputs)
+        windows = windows_of(log, motion.names, names, length, self.step)
+        return applied(self.system, windows, names, inputs)
 
     def beyond_limits(self, log: Log, motion: MeasuredMotion) -> tuple[str, ...]:
         """A sentence for each actuator that is commanded beyond its limits.
@@ -246,14 +246,14 @@ class Setting:
         names = commanded_names(self.system, log, [q.name for q in motion.inputs])
         commanded = windows_of(log, motion.names, names, self.length, self.step)
         shares = beyond_limits(self.system, commanded, names)
-        told = beyond_words(shares)
-        for sentence, share in zip(told, shares.values(), strict=True):
+        sentences = beyond_words(shares)
+        for sentence, share in zip(sentences, shares.values(), strict=True):
             if share > MOST_BEYOND:
                 raise SimulationError(
                     f"{log.name}: {sentence}",
                     remedy="give the limits of the vehicle of the log, or the unit of its commands",
                 )
-        return told
+        return sentences
 
 
 SHORT_LOOSE = 3.0
@@ -301,15 +301,15 @@ def _in_turn(
     while True:
         try:
             if part > 1:
-                found = _fit_of(setting, log, whole, dict(held), part, guess, better=True)
+                fit = _fit_of(setting, log, whole, dict(held), part, guess, better=True)
             else:
                 return _fit_of(setting, log, whole, held, part, guess)
         except DivergenceError:
             if setting.window is not None or not guess:
                 raise
             return _fit_of(setting, log, whole, held, 4 * part, guess)
-        names = [q.name for q in found[0].unknown]
-        guess = dict(zip(names, found[1].shared.tolist(), strict=True))
+        names = [q.name for q in fit[0].unknown]
+        guess = dict(zip(names, fit[1].shared.tolist(), strict=True))
         part //= 4
 
 
@@ -355,18 +355,18 @@ def _fit_of(
         scale = np.where(first == 0, _sizes(start), np.abs(first))
         dropped = not_seen(start.information, scale, names, HOPELESS)
         if not dropped:
-            found = fitted(problem, first, lower, loose=SHORT_LOOSE if better else LOOSE)
+            fit = fitted(problem, first, lower, loose=SHORT_LOOSE if better else LOOSE)
             if better:
-                return motion, found, problem
+                return motion, fit, problem
             dropped = not_seen(
-                problem.information_without_noise(found),
-                np.maximum(scale, np.abs(found.shared)),
+                problem.information_without_noise(fit),
+                np.maximum(scale, np.abs(fit.shared)),
                 names,
                 VAGUE,
             )
             if not dropped:
-                return motion, found, problem
-            guess = {**guess, **dict(zip(names, found.shared.tolist(), strict=True))}
+                return motion, fit, problem
+            guess = {**guess, **dict(zip(names, fit.shared.tolist(), strict=True))}
         held |= dict.fromkeys(dropped, (UNSEEN, "this log does not show it"))
 
 

@@ -140,18 +140,18 @@ class Identified:
         """Whether the bound holds on a second log, in one sentence."""
         if self.held_out is None:
             return "no second log: the bound is that of the log itself"
-        told = self.held_out
-        count = len(told.needed.start)
-        if told.covered:
-            less = f", {told.beyond} of them but for noise" if told.beyond else ""
-            if told.needed.unjudged:
-                less += f"; {told.needed.unjudged} others have too few measurements"
-            return f"{told.name}: all {count} windows are within the bound{less}"
-        worst = max(told.worst)
-        name = self.unexplained.names[told.worst.index(worst)]
+        second = self.held_out
+        count = len(second.needed.start)
+        if second.covered:
+            less = f", {second.beyond} of them but for noise" if second.beyond else ""
+            if second.needed.unjudged:
+                less += f"; {second.needed.unjudged} others have too few measurements"
+            return f"{second.name}: all {count} windows are within the bound{less}"
+        worst = max(second.worst)
+        name = self.unexplained.names[second.worst.index(worst)]
         return (
-            f"{told.name}: {told.outside} of {count} windows are NOT within the bound; the rate of "
-            f"{name} needs {worst:.2g} times its half-width"
+            f"{second.name}: {second.outside} of {count} windows are NOT within the bound; "
+            f"the rate of {name} needs {worst:.2g} times its half-width"
         )
 
     def summary(self) -> dict[str, Any]:
@@ -160,7 +160,7 @@ class Identified:
         def plain(value: float) -> float | None:
             return value if math.isfinite(value) else None
 
-        def told(e: Estimate) -> dict[str, Any]:
+        def entry(e: Estimate) -> dict[str, Any]:
             return {
                 "unit": e.unit,
                 "before": plain(e.before),
@@ -179,8 +179,8 @@ class Identified:
             "repairs": list(self.repairs),
             "remarks": list(self.remarks),
             "level": self.level,
-            "parameters": {e.name: told(e) for e in self.parameters},
-            "disturbances": {e.name: told(e) for e in self.disturbances},
+            "parameters": {e.name: entry(e) for e in self.parameters},
+            "disturbances": {e.name: entry(e) for e in self.disturbances},
             "ties": list(self.ties),
             "unexplained": {
                 n: {"unit": u, "low": a, "high": b, "noise_share": s}

@@ -74,22 +74,22 @@ def refuse_no_commands(motion: MeasuredMotion, windows: Windows) -> None:
         )
 
 
-def refuse_other_way(before: System, own: System, motion: MeasuredMotion) -> None:
+def refuse_other_way(before: System, after: System, motion: MeasuredMotion) -> None:
     """Raises `SimulationError` where an input moves a state the other way than before, at rest.
 
     The inertia that fits has another sign then: no vehicle has it.
     """
     states = [q.name for q in motion.states]
     inputs = [q.symbol for q in motion.inputs]
-    symbols = [q.symbol for q in (*own.states, *own.inputs, *own.disturbances)]
-    slopes = [derivatives(own.rates[name], inputs) for name in states]
+    symbols = [q.symbol for q in (*after.states, *after.inputs, *after.disturbances)]
+    slopes = [derivatives(after.rates[name], inputs) for name in states]
     flat = [slope[s] for slope in slopes for s in inputs]
     if not flat:
         return
     at = np.zeros((1, len(symbols)))
     old, new = (
         Evaluator(flat, symbols, s.parameters).values(at).reshape(len(states), -1)
-        for s in (before, own)
+        for s in (before, after)
     )
     size = np.abs(old).max(axis=0, initial=0.0)
     for i, j in zip(*np.nonzero((old * new < 0) & (np.abs(old) > 0.1 * size)), strict=True):
@@ -105,27 +105,27 @@ def remarks(
     motion: MeasuredMotion,
     windows: Windows,
     fit: Fitted,
-    told: Mapping[str, Estimate],
+    estimates: Mapping[str, Estimate],
     bound: Unexplained,
 ) -> tuple[str, ...]:
     """What a reader of the intervals has to know beside them."""
-    found: list[str] = []
+    sentences: list[str] = []
     if not fit.settled:
-        found.append("the fit did not settle: begin with better numbers, or estimate fewer")
-    found += _absent(motion, windows)
-    found += _noisy(motion.names, windows, fit.noise)
-    for e in told.values():
+        sentences.append("the fit did not settle: begin with better numbers, or estimate fewer")
+    sentences += _absent(motion, windows)
+    sentences += _noisy(motion.names, windows, fit.noise)
+    for e in estimates.values():
         if e.status == IDENTIFIED and e.before * e.value < 0 and e.low * e.high > 0:
-            found.append(f"{e.name} has the other sign than before")
+            sentences.append(f"{e.name} has the other sign than before")
     shares = zip(bound.names, bound.noise_share, strict=True)
     if more := [n for n, share in shares if share < EXPLAINED]:
-        found.append(
+        sentences.append(
             f"noise is less than half of what is left unexplained of {', '.join(more)}: the model "
             "lacks something (an effect, a delay, a unit), which intervals do not count"
         )
     if windows.count < SMALL_BOX:
-        found.append(f"intervals and bound are those of {windows.count} windows only")
-    return tuple(found)
+        sentences.append(f"intervals and bound are those of {windows.count} windows only")
+    return tuple(sentences)
 
 
 def _absent(motion: MeasuredMotion, windows: Windows) -> list[str]:
@@ -199,44 +199,46 @@ def needed(
     """
     motion = shooting.motion
     local = [k for k, q in enumerate(motion.unknown) if q.name.startswith(PREFIX)]
-    given = np.array([still.get(q.name, 0.0) for q in motion.unknown])
+    values = np.array([still.get(q.name, 0.0) for q in motion.unknown])
     names = tuple(motion.unknown[k].name.removeprefix(PREFIX) for k in local)
     units = {q.name: per_second(q.unit) for q in system.states}
-    told = None
+    unexplained = None
     for some in windows:
-        problem = Problem(shooting, some, given, (), local)
-        found: Fitted = fitted(problem, np.empty(0), np.empty(0), noise=noise)
-        shown = problem.determined(found)
+        problem = Problem(shooting, some, values, (), local)
+        fit: Fitted = fitted(problem, np.empty(0), np.empty(0), noise=noise)
+        shown = problem.determined(fit)
         if shown.sum() < max(FEWEST, JUDGED * len(shown)):
             continue
         n = shooting.states
-        told = Unexplained(
+        unexplained = Unexplained(
             names,
             tuple(units[name] for name in names),
             (),
             (),
-            found.local[shown, n:],
-            np.sqrt(np.einsum("wii->wi", found.spread)[shown, n:]),
+            fit.local[shown, n:],
+            np.sqrt(np.einsum("wii->wi", fit.spread)[shown, n:]),
             some.start[shown],
             some.length,
             int((~shown).sum()),
         )
-        if max(told.noise_share, default=0.0) <= MOST_NOISE:
+        if max(unexplained.noise_share, default=0.0) <= MOST_NOISE:
             break
-    if told is None:
+    if unexplained is None:
         raise SimulationError(
             f"{log}: the measurements of a window of {windows[-1].length:.3g} s do not show what "
             "the model leaves unexplained",
             remedy="take longer windows, or a log with more measurements",
         )
-    return told
+    return unexplained
 
 
-def bounded(found: Unexplained, widen: float) -> Unexplained:
+def bounded(unexplained: Unexplained, widen: float) -> Unexplained:
     """The box around all that was needed, each half-width `widen` times as large."""
-    least, most = found.value.min(axis=0), found.value.max(axis=0)
+    least, most = unexplained.value.min(axis=0), unexplained.value.max(axis=0)
     middle, half = (least + most) / 2, (most - least) / 2 * widen
-    return replace(found, low=tuple((middle - half).tolist()), high=tuple((middle + half).tolist()))
+    return replace(
+        unexplained, low=tuple((middle - half).tolist()), high=tuple((middle + half).tolist())
+    )
 
 
 def compared(
@@ -274,11 +276,11 @@ class Manoeuvre:
 
 
 def advised(
-    own: System,
+    system: System,
     whole: MeasuredMotion,
     windows: Windows,
     fit: Fitted,
-    told: Mapping[str, Estimate],
+    estimates: Mapping[str, Estimate],
     quantile: float,
 ) -> dict[str, Estimate]:
     """The estimates, those that are not seen or wide with the manoeuvre that would show them.
@@ -287,29 +289,29 @@ def advised(
     one after which the log and it together give the narrowest interval, by the information that the
     model predicts.
     """
-    weak = [e for e in told.values() if e.status in (WIDE, UNSEEN)]
+    weak = [e for e in estimates.values() if e.status in (WIDE, UNSEEN)]
     if not weak or not whole.inputs:
-        return dict(told)
-    kept = [q.name for q in whole.unknown if told[q.name].status not in (TIED, "given")]
+        return dict(estimates)
+    names = [q.name for q in whole.unknown if estimates[q.name].status not in (TIED, "given")]
     outputs = dict(zip(whole.names, whole.outputs, strict=True))
-    motion = measured_motion(own, whole.names, kept, outputs)
+    motion = measured_motion(system, whole.names, names, outputs)
     shooting = Shooting(motion)
-    values = np.array([told[q.name].value for q in motion.unknown])
+    values = np.array([estimates[q.name].value for q in motion.unknown])
     problem = Problem(shooting, windows, values, range(len(values)))
-    known = problem.settle(values, problem.first_local(), fit.weight).information
+    information = problem.settle(values, problem.first_local(), fit.weight).information
     best: dict[str, tuple[float, str]] = {}
-    trials = list(_manoeuvres(own, motion, windows))
-    planned = _planned(own, motion, windows, trials)
+    trials = list(_manoeuvres(system, motion, windows))
+    planned = _planned(system, motion, windows, trials)
     paths = trajectories(motion, planned, values, windows.step)
     for trial, inputs, path in zip(trials, planned, paths, strict=True):
         added = _information(shooting, windows, fit, values, inputs, path)
         if added is None:
             continue
-        found = deviations(known + added)
+        spread = deviations(information + added)
         for k, q in enumerate(motion.unknown):
-            if float(found[k]) < best.get(q.name, (math.inf, ""))[0]:
-                best[q.name] = float(found[k]), trial.words
-    return {n: _with_advice(e, best, quantile, windows) for n, e in told.items()}
+            if float(spread[k]) < best.get(q.name, (math.inf, ""))[0]:
+                best[q.name] = float(spread[k]), trial.words
+    return {n: _with_advice(e, best, quantile, windows) for n, e in estimates.items()}
 
 
 def _with_advice(
@@ -328,11 +330,11 @@ def _with_advice(
     )
 
 
-def _manoeuvres(own: System, motion: MeasuredMotion, windows: Windows) -> Iterator[Manoeuvre]:
+def _manoeuvres(system: System, motion: MeasuredMotion, windows: Windows) -> Iterator[Manoeuvre]:
     """Steps of each input, alone or about another one that is held."""
     names = [q.name for q in motion.inputs]
     units = [q.unit for q in motion.inputs]
-    most = _amplitudes(own, names, windows)
+    most = _amplitudes(system, names, windows)
     steps = windows.count * windows.steps
     for k, half in itertools.product(range(len(names)), (1.0, 0.3)):
         every = max(round(half * windows.steps), 1)
@@ -354,30 +356,32 @@ def _manoeuvres(own: System, motion: MeasuredMotion, windows: Windows) -> Iterat
                     yield Manoeuvre(f"{words}, {held},", both)
 
 
-def _amplitudes(own: System, names: list[str], windows: Windows) -> list[float]:
+def _amplitudes(system: System, names: list[str], windows: Windows) -> list[float]:
     """A part of what each input can be; of the largest that the log has where it has no limit."""
-    bounds = own.input_bounds.ranges() if own.input_bounds else [()] * len(own.input_names)
-    ranges = dict(zip(own.input_names, bounds, strict=True))
-    values = {p.symbol: p.value for p in own.parameters}
-    found = []
+    bounds = system.input_bounds.ranges() if system.input_bounds else [()] * len(system.input_names)
+    ranges = dict(zip(system.input_names, bounds, strict=True))
+    values = {p.symbol: p.value for p in system.parameters}
+    amplitudes = []
     for k, name in enumerate(names):
         ends = evaluated(ranges[name], values)
         limit = min((abs(e) for e in ends), default=math.inf)
         used = float(np.abs(windows.inputs[:, :, k]).max(initial=0.0))
-        found.append(STRENGTH * limit if math.isfinite(limit) and limit > 0 else used or 1.0)
-    return found
+        amplitudes.append(STRENGTH * limit if math.isfinite(limit) and limit > 0 else used or 1.0)
+    return amplitudes
 
 
 def _planned(
-    own: System, motion: MeasuredMotion, windows: Windows, trials: Sequence[Manoeuvre]
+    system: System, motion: MeasuredMotion, windows: Windows, trials: Sequence[Manoeuvre]
 ) -> Floats:
     """The inputs that each manoeuvre gives within the limits, shape (manoeuvres, steps, inputs)."""
     names = [q.name for q in motion.inputs]
     inputs = np.stack([trial.inputs for trial in trials])
-    if len(names) < len(own.input_names):
+    if len(names) < len(system.input_names):
         return inputs
     shape = (-1, windows.steps, len(names))
-    limited = applied(own, replace(windows, inputs=inputs.reshape(shape)), own.input_names, names)
+    limited = applied(
+        system, replace(windows, inputs=inputs.reshape(shape)), system.input_names, names
+    )
     return limited.inputs.reshape(inputs.shape)
 
 
@@ -402,8 +406,8 @@ def _information(
     per_step = np.bincount(windows.signal, minlength=signals) / (count * steps)
     weight = (np.sqrt(per_step) / fit.noise)[signal]
     problem = Problem(shooting, planned, values, range(len(values)))
-    found, _, _ = problem.predict(values, path[:-1:steps])
-    problem.windows = replace(planned, value=found.value)
+    predicted, _, _ = problem.predict(values, path[:-1:steps])
+    problem.windows = replace(planned, value=predicted.value)
     settled = problem.settle(values, path[:-1:steps], weight)
     return settled.information if np.isfinite(settled.slopes).all() else None
 
@@ -484,24 +488,24 @@ def identify(
         setting = replace(setting, window=windows.length)
     spread, count = spread_of(fit, windows), windows.count
     quantile = float(student.ppf((1 + level) / 2, max(count - len(motion.unknown), 1)))
-    found = {q.name: k for k, q in enumerate(motion.unknown)}
-    best = {n: float(fit.shared[k]) for n, k in found.items()}
+    places = {q.name: k for k, q in enumerate(motion.unknown)}
+    best = {n: float(fit.shared[k]) for n, k in places.items()}
     numbers = tuple(replace(p, value=best.get(p.name, p.value)) for p in system.parameters)
-    own = replace(system, parameters=numbers)
-    refuse_other_way(system, own, motion)
+    identified = replace(system, parameters=numbers)
+    refuse_other_way(system, identified, motion)
     still = {n: best.get(n, 0.0) for n in system.disturbance_names}
-    told = {
-        q.name: _estimate(q, first_guess(system, q.name), best, found, spread, quantile, held)
+    estimated = {
+        q.name: _estimate(q, first_guess(system, q.name), best, places, spread, quantile, held)
         for q in (*system.parameters, *system.disturbances)
         if q.name in order or q.name in hold
     }
     bound, second = _left(
-        own, setting, whole, log, held_out, fit.noise, still, unexplained_rates, widen
+        identified, setting, whole, log, held_out, fit.noise, still, unexplained_rates, widen
     )
-    estimates = advised(own, whole, windows, fit, told, quantile)
+    estimates = advised(identified, whole, windows, fit, estimated, quantile)
     measured = _shown(problem, fit)
     return Identified(
-        system=own,
+        system=identified,
         log=log.name,
         parameters=tuple(estimates[p.name] for p in system.parameters if p.name in estimates),
         disturbances=tuple(estimates[q.name] for q in system.disturbances if q.name in estimates),
@@ -536,22 +540,22 @@ def _check(level: float, window: float | None, widen: float, log: Log) -> None:
 
 def _wanted(system: System, estimate: Sequence[str], hold: Sequence[str]) -> list[str]:
     """The parameters that are estimated if the log shows them."""
-    known = [p.name for p in system.parameters]
+    names = [p.name for p in system.parameters]
     for name in (*estimate, *hold):
-        if name not in known:
+        if name not in names:
             raise SimulationError(
-                f"system '{system.name}' has no parameter '{name}'", remedy=suggestion(name, known)
+                f"system '{system.name}' has no parameter '{name}'", remedy=suggestion(name, names)
             )
     if both := set(estimate) & set(hold):
         raise SimulationError(f"'{min(both)}' is to be estimated and to be held")
-    return [n for n in (estimate or known) if n not in hold]
+    return [n for n in (estimate or names) if n not in hold]
 
 
 def _estimate(
     q: object,
     before: float,
     best: Mapping[str, float],
-    found: Mapping[str, int],
+    places: Mapping[str, int],
     spread: Floats,
     quantile: float,
     held: Mapping[str, tuple[str, str]],
@@ -560,7 +564,7 @@ def _estimate(
     if name not in best:
         status, why = held.get(name, (UNSEEN, "no measurement depends on it"))
         return Estimate(name, unit, before, before, math.nan, math.nan, status, why)
-    value, half = best[name], quantile * float(spread[found[name]])
+    value, half = best[name], quantile * float(spread[places[name]])
     status, why = IDENTIFIED, ""
     if isinstance(q, Parameter) and half >= abs(value):
         status, why = WIDE, "its interval is wider than itself"
@@ -570,7 +574,7 @@ def _estimate(
 
 
 def _left(
-    own: System,
+    system: System,
     setting: Setting,
     whole: MeasuredMotion,
     log: Log,
@@ -581,39 +585,39 @@ def _left(
     widen: float,
 ) -> tuple[Unexplained, HeldOut | None]:
     """The bound on what is unexplained, and what a second log says of it."""
-    motion = pushed_motion(own, whole, chosen or None)
+    motion = pushed_motion(system, whole, chosen or None)
     shooting = Shooting(motion)
     parts = [p for p in SHORTER if setting.length / p >= 8 * setting.step] or [1]
     cuts = [setting.cut(log, motion, p) for p in parts]
-    found = needed(shooting, own, cuts, noise, still, log.name)
-    bound = bounded(found, widen)
+    unexplained = needed(shooting, system, cuts, noise, still, log.name)
+    bound = bounded(unexplained, widen)
     if held_out is None:
         return bound, None
-    part = next(p for p, cut in zip(parts, cuts, strict=True) if cut.length == found.length)
-    moved, error = _still(own, setting, whole, held_out, noise)
+    part = next(p for p, cut in zip(parts, cuts, strict=True) if cut.length == unexplained.length)
+    moved, error = _still(system, setting, whole, held_out, noise)
     windows = [setting.cut(held_out, motion, part)]
-    again = needed(shooting, own, windows, noise, moved, held_out.name)
+    again = needed(shooting, system, windows, noise, moved, held_out.name)
     return bound, compared(held_out.name, again, bound, error)
 
 
 def _still(
-    own: System, setting: Setting, whole: MeasuredMotion, log: Log, noise: Floats
+    system: System, setting: Setting, whole: MeasuredMotion, log: Log, noise: Floats
 ) -> tuple[dict[str, float], dict[str, float]]:
     """The constant disturbances of a second log, and its errors of prediction over a window."""
-    here = [q.name for q in whole.unknown if q.name in own.disturbance_names]
+    here = [q.name for q in whole.unknown if q.name in system.disturbance_names]
     outputs = dict(zip(whole.names, whole.outputs, strict=True))
-    motion = measured_motion(own, whole.names, here, outputs)
+    motion = measured_motion(system, whole.names, here, outputs)
     windows = setting.cut(log, motion)
     shooting = Shooting(motion)
     zero = np.zeros(len(here))
     problem = Problem(shooting, windows, zero, range(len(here)))
-    found = fitted(problem, zero, np.full(len(here), -np.inf), noise=noise)
+    fit = fitted(problem, zero, np.full(len(here), -np.inf), noise=noise)
     rms = {
-        n: float(np.sqrt(np.mean(found.residual[windows.signal == k] ** 2)) / noise[k])
+        n: float(np.sqrt(np.mean(fit.residual[windows.signal == k] ** 2)) / noise[k])
         for k, n in enumerate(whole.names)
         if (windows.signal == k).any()
     }
-    return dict(zip(here, found.shared.tolist(), strict=True)), rms
+    return dict(zip(here, fit.shared.tolist(), strict=True)), rms
 
 
 def _shown(problem: Problem, fit: Fitted) -> dict[str, tuple[Floats, Floats, Floats]]:

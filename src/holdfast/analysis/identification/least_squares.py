@@ -56,13 +56,13 @@ class _Nodes:
             return a
         b = self.value[k + 1, rows, w]
         c, d = self.rate[k, rows, w] * h, self.rate[k + 1, rows, w] * h
-        found: Floats = (
+        interpolated: Floats = (
             a * ((1 + 2 * s) * (1 - s) ** 2)
             + b * (s**2 * (3 - 2 * s))
             + c * (s * (1 - s) ** 2)
             - d * (s**2 * (1 - s))
         )
-        return found
+        return interpolated
 
 
 class Shooting:
@@ -77,12 +77,12 @@ class Shooting:
         self.states, self.unknown = n, m
         x, u, v = ([q.symbol for q in g] for g in (motion.states, motion.inputs, motion.unknown))
         self._paths = Trajectories(motion.sensitivities, x, u, v, motion.parameters)
-        found = motion.output_sensitivities
+        expressions = motion.output_sensitivities
         count = len(motion.names)
         self._outputs = []
-        for k, output in enumerate(found[:count]):
-            slopes = found[count + n * k :][:n]
-            direct = found[count + n * count + m * k :][:m]
+        for k, output in enumerate(expressions[:count]):
+            slopes = expressions[count + n * k :][:n]
+            direct = expressions[count + n * count + m * k :][:m]
             used = [i for i, e in enumerate(slopes) if e != 0]
             values = [output, *(slopes[i] for i in used), *direct]
             self._outputs.append((used, Evaluator(values, [*x, *v], motion.parameters)))
@@ -104,12 +104,12 @@ class Shooting:
                 points = np.concatenate([z[:, :n], unknown[windows.window[of]]], axis=1)
                 seen = outputs.values(points)
                 value[of] = seen[:, 0]
-                own = np.zeros((len(of), n + m))
-                own[:, n:] = seen[:, 1 + len(used) :]
+                gradient = np.zeros((len(of), n + m))
+                gradient[:, n:] = seen[:, 1 + len(used) :]
                 for place in range(len(used)):
                     by = z[:, n + (n + m) * place :][:, : n + m]
-                    own += seen[:, 1 + place, None] * by
-                slopes[of] = own
+                    gradient += seen[:, 1 + place, None] * by
+                slopes[of] = gradient
         return Predicted(value, slopes[:, :n], slopes[:, n:])
 
 
@@ -163,8 +163,8 @@ class Fitted:
     @property
     def information(self) -> Floats:
         """The inverse of the covariance of the shared numbers, for independent noise."""
-        found: Floats = self.slopes.T @ self.slopes
-        return found
+        matrix: Floats = self.slopes.T @ self.slopes
+        return matrix
 
 
 class Problem:
@@ -192,18 +192,18 @@ class Problem:
     def first_local(self) -> Floats:
         """A first guess: the measured states at the beginning of each window, and zero else."""
         w = self.windows
-        found = np.zeros((w.count, self.shooting.states + len(self.local)))
+        guess = np.zeros((w.count, self.shooting.states + len(self.local)))
         for k, name in enumerate(self.shooting.motion.names):
             of = w.signal == k
             places = [q.name for q in self.shooting.motion.states]
             if name in places and of.any():
-                found[:, places.index(name)] = np.interp(w.start, w.time[of], w.value[of])
-        return found
+                guess[:, places.index(name)] = np.interp(w.start, w.time[of], w.value[of])
+        return guess
 
     def summed(self, rows: Floats) -> Floats:
         """Sums of rows over the measurements of each window."""
-        found: Floats = np.add.reduceat(rows, self._starts, axis=0)
-        return found
+        sums: Floats = np.add.reduceat(rows, self._starts, axis=0)
+        return sums
 
     def predict(self, shared: Floats, local: Floats) -> tuple[Predicted, Floats, Floats]:
         """The prediction, and its slopes by the local and by the shared numbers."""
@@ -211,9 +211,9 @@ class Problem:
         unknown = np.repeat(self.given[None, :], self.windows.count, axis=0)
         unknown[:, self.shared] = shared
         unknown[:, self.local] = local[:, n:]
-        found = self.shooting.predicted(self.windows, local[:, :n], unknown)
-        own = np.concatenate([found.by_state, found.by_unknown[:, self.local]], axis=1)
-        return found, own, found.by_unknown[:, self.shared]
+        predicted = self.shooting.predicted(self.windows, local[:, :n], unknown)
+        by_local = np.concatenate([predicted.by_state, predicted.by_unknown[:, self.local]], axis=1)
+        return predicted, by_local, predicted.by_unknown[:, self.shared]
 
     def settle(self, shared: Floats, local: Floats, weight: Floats) -> Fitted:
         """The best local numbers for these shared ones (Levenberg-Marquardt, window by window)."""
@@ -245,7 +245,7 @@ class Problem:
         off = residual / weight
         return Fitted(shared, local, noise, weight, off, slopes, inverse, -cross)
 
-    def information_without_noise(self, found: Fitted) -> Floats:
+    def information_without_noise(self, fit: Fitted) -> Floats:
         """The information of a fit less twice what the noise of its first states adds to it.
 
         States that are wrong by noise move as well, and seem to show what no motion shows. A second
@@ -254,24 +254,24 @@ class Problem:
         """
         random = np.random.default_rng(0)
         with np.errstate(over="ignore", invalid="ignore"):
-            return self._without_noise(found, random)
+            return self._without_noise(fit, random)
 
-    def _without_noise(self, found: Fitted, random: np.random.Generator) -> Floats:
-        value, vector = np.linalg.eigh(found.spread)
+    def _without_noise(self, fit: Fitted, random: np.random.Generator) -> Floats:
+        value, vector = np.linalg.eigh(fit.spread)
         root = vector * np.sqrt(np.maximum(value, 0))[:, None, :]
-        added = np.zeros_like(found.information)
+        added = np.zeros_like(fit.information)
         for _ in range(DRAWS):
-            wrong = np.einsum("wij,wj->wi", root, random.standard_normal(found.local.shape))
-            _, rows, common = self._weighted(found.shared, found.local + wrong, found.weight)
+            wrong = np.einsum("wij,wj->wi", root, random.standard_normal(fit.local.shape))
+            _, rows, common = self._weighted(fit.shared, fit.local + wrong, fit.weight)
             slopes = self._eliminated(rows, common)[2]
             stays = np.isfinite(slopes).all(axis=1)  # a window may diverge from a wrong state
-            usual = found.slopes[stays]
+            usual = fit.slopes[stays]
             added += (slopes[stays].T @ slopes[stays] - usual.T @ usual) / DRAWS
-        return found.information - 2 * added
+        return fit.information - 2 * added
 
-    def determined(self, found: Fitted) -> npt.NDArray[np.bool_]:
+    def determined(self, fit: Fitted) -> npt.NDArray[np.bool_]:
         """Whether the measurements of each window show all its local numbers."""
-        _, rows, _ = self._weighted(found.shared, found.local, found.weight)
+        _, rows, _ = self._weighted(fit.shared, fit.local, fit.weight)
         matrices = self.summed(rows[:, :, None] * rows[:, None, :])
         scale = np.sqrt(np.einsum("wii->wi", matrices))
         sure: npt.NDArray[np.bool_] = (scale > 0).all(axis=1) & np.isfinite(matrices).all((1, 2))
@@ -290,9 +290,9 @@ class Problem:
         self, shared: Floats, local: Floats, weight: Floats
     ) -> tuple[Floats, Floats, Floats]:
         """The residuals, and the slopes of the prediction, in deviations."""
-        found, own, common = self.predict(shared, local)
-        off = (self.windows.value - found.value) * weight
-        return off, own * weight[:, None], common * weight[:, None]
+        predicted, by_local, common = self.predict(shared, local)
+        off = (self.windows.value - predicted.value) * weight
+        return off, by_local * weight[:, None], common * weight[:, None]
 
 
 def _inverse(matrices: Floats, damping: Floats) -> Floats:
@@ -339,24 +339,24 @@ def fitted(
     settled = False
     for turn in range(ROUNDS):
         weight = huber / np.maximum(deviation, floor)[w.signal]
-        found, ended = _minimised(problem, shared, local, weight, scale, lower, held)
-        shared, local, before = found.shared, found.local, deviation
+        fit, ended = _minimised(problem, shared, local, weight, scale, lower, held)
+        shared, local, before = fit.shared, fit.local, deviation
         if noise is None:
-            count = found.local.size + len(problem.shared)
-            new = np.maximum(deviations(w, found.residual, len(deviation), count), floor)
+            count = fit.local.size + len(problem.shared)
+            new = np.maximum(deviations(w, fit.residual, len(deviation), count), floor)
             deviation = new if turn < 2 else (new + deviation) / 2  # they may alternate
-        huber = huber_weights(found.residual / np.maximum(deviation, floor)[w.signal])
+        huber = huber_weights(fit.residual / np.maximum(deviation, floor)[w.signal])
         settled = ended and bool((np.abs(deviation - before) <= SETTLED * before).all())
         if settled:
             break
     weight = huber / np.maximum(deviation, floor)[w.signal]
-    found = problem.settle(shared, local, weight)
-    if not np.isfinite(found.residual).all():
+    fit = problem.settle(shared, local, weight)
+    if not np.isfinite(fit.residual).all():
         raise DivergenceError(
             f"the model diverges within windows of {w.length:.3g} s",
             remedy="take a shorter window",
         )
-    return replace(found, noise=deviation, settled=settled)
+    return replace(fit, noise=deviation, settled=settled)
 
 
 @dataclass(frozen=True)
@@ -394,9 +394,9 @@ def _minimised(
 
     def residual(x: Floats) -> Floats:
         with np.errstate(over="ignore", invalid="ignore"):
-            found = at(x).residual * weight
-        kept = np.where(np.isfinite(found), np.clip(found, -_FAR, _FAR), _FAR)
-        return np.concatenate([kept, held.strength * (x - held.to)])
+            weighted = at(x).residual * weight
+        clipped = np.where(np.isfinite(weighted), np.clip(weighted, -_FAR, _FAR), _FAR)
+        return np.concatenate([clipped, held.strength * (x - held.to)])
 
     def jacobian(x: Floats) -> Floats:
         """Asked for at the first numbers and at accepted ones."""

@@ -156,8 +156,10 @@ def pieces(signals: Sequence[Signal], gap: float) -> list[Interval]:
         breaks = np.flatnonzero(np.diff(signal.time) > longest)
         starts = signal.time[np.concatenate([[0], breaks + 1])]
         ends = signal.time[np.concatenate([breaks, [len(signal.time) - 1]])]
-        own = list(zip(starts.tolist(), ends.tolist(), strict=True))
-        whole = [(max(a, c), min(b, d)) for a, b in whole for c, d in own if max(a, c) < min(b, d)]
+        spans = list(zip(starts.tolist(), ends.tolist(), strict=True))
+        whole = [
+            (max(a, c), min(b, d)) for a, b in whole for c, d in spans if max(a, c) < min(b, d)
+        ]
     return whole
 
 
@@ -211,14 +213,14 @@ def deviations(w: Windows, residual: Floats, signals: int, fitted_numbers: int) 
 
 def first_noise(w: Windows, signals: int) -> Floats:
     """The noise of each signal, from its second differences within windows."""
-    found = []
+    noise = []
     for k in range(signals):
         of = w.signal == k
         bend = np.diff(w.value[of], 2)
         within = w.window[of][2:] == w.window[of][:-2]
         some = bend[within] if within.any() else np.zeros(1)
-        found.append(1.4826 * float(np.median(np.abs(some))) / np.sqrt(6))
-    return np.maximum(np.array(found), least_noise(w, signals))
+        noise.append(1.4826 * float(np.median(np.abs(some))) / np.sqrt(6))
+    return np.maximum(np.array(noise), least_noise(w, signals))
 
 
 def least_noise(w: Windows, signals: int) -> Floats:
@@ -260,12 +262,12 @@ def applied(
 
     names: what the windows have (`commanded_names`); needed: the inputs that they get.
     """
-    given = [symbol(n) for n in names]
+    symbols = [symbol(n) for n in names]
     wishes = _wishes(system, names)
     if wishes is None:
         return windows
     inputs = dict(zip(system.input_names, system.produced(system.limited(wishes)), strict=True))
-    compute = Evaluator([inputs[n] for n in needed], given, system.parameters)
+    compute = Evaluator([inputs[n] for n in needed], symbols, system.parameters)
     flat = np.ascontiguousarray(windows.inputs.reshape(-1, len(names)))
     shape = (*windows.inputs.shape[:2], len(needed))
     return replace(windows, inputs=compute.values(flat).reshape(shape))
@@ -283,8 +285,8 @@ def beyond_limits(system: System, windows: Windows, names: Sequence[str]) -> dic
     compute = Evaluator(values, [symbol(n) for n in names], system.parameters)
     wished, limited = np.hsplit(compute.values(windows.inputs.reshape(-1, len(names))), 2)
     shares = np.mean(np.abs(wished - limited) > NOTICED * np.abs(wished), axis=0)
-    told = zip(system.actuators or system.input_names, shares.tolist(), strict=True)
-    return {name: share for name, share in told if share > NOTICED}
+    pairs = zip(system.actuators or system.input_names, shares.tolist(), strict=True)
+    return {name: share for name, share in pairs if share > NOTICED}
 
 
 def beyond_words(shares: Mapping[str, float]) -> tuple[str, ...]:
@@ -298,7 +300,7 @@ def beyond_words(shares: Mapping[str, float]) -> tuple[str, ...]:
 
 def _wishes(system: System, names: Sequence[str]) -> list[sp.Expr] | None:
     """The actuator values that are asked for; None where only some inputs are known."""
-    given = [symbol(n) for n in names]
+    symbols = [symbol(n) for n in names]
     if tuple(names) == system.input_names:
-        return system.allocated(given)
-    return list(given) if tuple(names) == system.actuators else None
+        return system.allocated(symbols)
+    return list(symbols) if tuple(names) == system.actuators else None

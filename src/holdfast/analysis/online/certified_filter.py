@@ -82,9 +82,9 @@ class Filtered:
             )
         self._sample += 1
         seen = states[:, : len(self.keep.system.states)]
-        told = self.keep.step_many(seen, self._wished(t, seen.copy()))
-        self.counts.update(np.array(told.status)[alive].tolist())
-        return told.input
+        decisions = self.keep.step_many(seen, self._wished(t, seen.copy()))
+        self.counts.update(np.array(decisions.status)[alive].tolist())
+        return decisions.input
 
     def end(self) -> None:
         """After the last sample."""
@@ -207,8 +207,8 @@ class CertifiedFilter:
         self._count += 1
         rows, codes = self._answers(seen[np.newaxis], wanted[np.newaxis])
         overruled = bool(rows[0, self._rows.overruled])
-        told = np.concatenate([seen, wanted])
-        return Decision(rows[0], self._rows, _STATUSES[codes[0]], overruled, t, told, self)
+        row = np.concatenate([seen, wanted])
+        return Decision(rows[0], self._rows, _STATUSES[codes[0]], overruled, t, row, self)
 
     def step_many(self, states: npt.ArrayLike, commands: npt.ArrayLike) -> Decisions:
         """The decisions on many commands at many states, shapes (count, states), (count, inputs).
@@ -219,11 +219,11 @@ class CertifiedFilter:
         wanted = _table(commands, len(self.system.inputs), "commands")
         if len(seen) != len(wanted):
             raise SimulationError(f"{len(seen)} states and {len(wanted)} commands")
-        found, codes = self._answers(seen, wanted)
+        answers, codes = self._answers(seen, wanted)
         rows = self._rows
         return Decisions(
-            found[:, rows.input], found[:, rows.actuators], found[:, rows.nominal],
-            found[:, rows.overruled] != 0.0, found[:, rows.slack], found[:, rows.value],
+            answers[:, rows.input], answers[:, rows.actuators], answers[:, rows.nominal],
+            answers[:, rows.overruled] != 0.0, answers[:, rows.slack], answers[:, rows.value],
             tuple(_STATUSES[k] for k in codes.tolist()),
         )  # fmt: skip
 
@@ -249,20 +249,24 @@ class CertifiedFilter:
         finite: Truths = np.asarray(np.isfinite(np.hstack([seen, wanted])).all(axis=1))
         x, w = np.where(finite[:, None], seen, 0.0), np.where(finite[:, None], wanted, 0.0)
         chosen, counted = self._within(w)
-        kept, own = proof.looked_up(x)
-        known = kept > 0
-        sure = known if known.all() else known | proof.inside(x)
-        needed = proof.needed(kept)
+        seconds, stored = proof.looked_up(x)
+        proved = seconds > 0
+        sure = proved if proved.all() else proved | proof.inside(x)
+        needed = proof.needed(seconds)
         passes = sure & counted & proof.leads(x, chosen, needed)
-        held = passes | known
+        held = passes | proved
         rest = np.flatnonzero(~passes)
         many = max(1, MOST_TOGETHER // len(proof.candidates))
         for begin in range(0, len(rest), many):
             k = rest[begin : begin + many]
-            chosen[k], found = self._nearest(x[k], chosen[k], needed[k], own[k], known[k], sure[k])
-            held[k] |= found
-        lasts = np.where(known, kept, (needed + 1) * self.sample_time if proof.lasts else math.inf)
-        lasts[kept == 0] = 0.0
+            chosen[k], exists = self._nearest(
+                x[k], chosen[k], needed[k], stored[k], proved[k], sure[k]
+            )
+            held[k] |= exists
+        lasts = np.where(
+            proved, seconds, (needed + 1) * self.sample_time if proof.lasts else math.inf
+        )
+        lasts[seconds == 0] = 0.0
         chosen[~finite] = self._fallback
         rows = np.zeros((len(x), 2 * m + self._limits.count - m + 4))
         rows[:, : self._limits.count] = self._limits.values(chosen)
@@ -285,12 +289,12 @@ class CertifiedFilter:
         return bounded, (np.clip(bounded, *self._counted) == bounded).all(axis=1)
 
     def _nearest(
-        self, x: Array, wanted: Array, needed: Wholes, own: Array, known: Truths, sure: Truths
+        self, x: Array, wanted: Array, needed: Wholes, stored: Array, proved: Truths, sure: Truths
     ) -> tuple[Array, Truths]:
         """The nearest inputs that were tried and surely lead so far, and where there is one.
 
-        A cell that is known is certified as a whole, so that its own input does; of another cell it
-        is that of the nearest one, where no input does.
+        A cell that is proved is certified as a whole, so that its own input does; of another cell
+        it is that of the nearest one, where no input does.
         """
         tried, count = self._proof.candidates, len(x)
         most = len(tried)
@@ -298,11 +302,11 @@ class CertifiedFilter:
             np.repeat(x, most, axis=0), np.tile(tried, (count, 1)), np.repeat(needed, most)
         ).reshape(count, most)
         fine &= sure[:, None]
-        fine |= known[:, None] & (tried == own[:, None]).all(axis=2)
+        fine |= proved[:, None] & (tried == stored[:, None]).all(axis=2)
         far = (((tried - wanted[:, None]) / self._scales) ** 2).sum(axis=2)
         nearest = tried[np.where(fine, far, math.inf).argmin(axis=1)]
-        found: Truths = np.asarray(fine.any(axis=1))
-        return np.where(found[:, None], nearest, own), found
+        exists: Truths = np.asarray(fine.any(axis=1))
+        return np.where(exists[:, None], nearest, stored), exists
 
     # -- what is said of a decision ----------------------------------------------------------
 
@@ -343,12 +347,14 @@ class CertifiedFilter:
 
     # -- what is given -----------------------------------------------------------------------
 
-    def _checked_fallback(self, given: Sequence[float] | None) -> Array:
+    def _checked_fallback(self, fallback: Sequence[float] | None) -> Array:
         names = self.system.input_names
-        wanted = np.zeros(len(names)) if given is None else np.asarray(given, dtype=np.float64)
+        wanted = (
+            np.zeros(len(names)) if fallback is None else np.asarray(fallback, dtype=np.float64)
+        )
         if wanted.shape != (len(names),) or not np.isfinite(wanted).all():
             raise SimulationError(
-                f"fallback is {given!r}", expected=f"{len(names)} numbers: {', '.join(names)}"
+                f"fallback is {fallback!r}", expected=f"{len(names)} numbers: {', '.join(names)}"
             )
         (chosen,), (counted,) = self._within(wanted[np.newaxis])
         if not counted:
@@ -380,26 +386,26 @@ def _check_bounds(certificate: Certificate, system: System) -> None:
             )
 
 
-def _scales(certificate: Certificate, given: Mapping[str, float]) -> Array:
+def _scales(certificate: Certificate, wanted: Mapping[str, float]) -> Array:
     tried, names = certificate.candidates, [n for n, _ in certificate.inputs]
     half = 0.5 * (tried.max(axis=0) - tried.min(axis=0))
-    found = dict(zip(names, np.where(half > 0, half, 1.0).tolist(), strict=True))
-    for name, value in given.items():
-        if name not in found:
-            raise SimulationError(f"scales of '{name}'", remedy=suggestion(name, found))
+    scales = dict(zip(names, np.where(half > 0, half, 1.0).tolist(), strict=True))
+    for name, value in wanted.items():
+        if name not in scales:
+            raise SimulationError(f"scales of '{name}'", remedy=suggestion(name, scales))
         if not (math.isfinite(value) and value > 0):
             raise SimulationError(f"the scale of {name} is {value}", expected="above 0")
-        found[name] = float(value)
-    return np.array(list(found.values()))
+        scales[name] = float(value)
+    return np.array(list(scales.values()))
 
 
-def _table(given: npt.ArrayLike, width: int, what: str) -> Array:
+def _table(rows: npt.ArrayLike, width: int, what: str) -> Array:
     try:
-        found = np.ascontiguousarray(given, dtype=np.float64)
+        table = np.ascontiguousarray(rows, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise SimulationError(f"the {what} are no array of numbers") from None
-    if found.ndim != 2 or found.shape[1] != width:
+    if table.ndim != 2 or table.shape[1] != width:
         raise SimulationError(
-            f"the {what} have the shape {found.shape}", expected=f"(count, {width})"
+            f"the {what} have the shape {table.shape}", expected=f"(count, {width})"
         )
-    return found
+    return table

@@ -85,16 +85,16 @@ class Measurements:
         return math.isfinite(row.dot(self._ones)) or bool(np.isfinite(row).all())
 
     def _fill(
-        self, places: slice | list[int], names: tuple[str, ...], given: Given, what: str
+        self, places: slice | list[int], names: tuple[str, ...], values: Given, what: str
     ) -> None:
-        quick = type(given) in QUICK or (type(given) is np.ndarray and given.dtype.kind in "fiu")
+        quick = type(values) in QUICK or (type(values) is np.ndarray and values.dtype.kind in "fiu")
         try:
-            if quick and len(given) == len(names):
-                self.row[places] = given  # type: ignore[assignment]
+            if quick and len(values) == len(names):
+                self.row[places] = values  # type: ignore[assignment]
                 return
         except NO_NUMBERS:
             pass  # it is said below what is wrong
-        self.row[places] = numbers(given, names, what)
+        self.row[places] = numbers(values, names, what)
 
     def rows(
         self,
@@ -103,35 +103,35 @@ class Measurements:
         commands: npt.ArrayLike | None = None,
     ) -> Array:
         """Rows for many vehicles: arrays with a row for each of them."""
-        given: list[tuple[str, Any, slice | list[int], tuple[str, ...]]]
-        given = [("states", states, self._states, self.states)]
+        groups: list[tuple[str, Any, slice | list[int], tuple[str, ...]]]
+        groups = [("states", states, self._states, self.states)]
         if self.disturbances:
             if disturbances is None:
                 raise SimulationError(f"the law measures {', '.join(self.disturbances)}")
-            given.append(("disturbances", disturbances, self._disturbances, self.disturbances))
+            groups.append(("disturbances", disturbances, self._disturbances, self.disturbances))
         if self.handed:
-            given.append(("commands", commands, self._handed, self.handed))
-        found: Array | None = None
-        for what, numbers, places, names in given:
+            groups.append(("commands", commands, self._handed, self.handed))
+        table: Array | None = None
+        for what, numbers, places, names in groups:
             try:
                 array = np.asarray(_real(numbers), dtype=np.float64)
             except NO_NUMBERS:
                 raise SimulationError(f"{what} is not an array of numbers") from None
-            count = len(found) if found is not None else "any number"
+            count = len(table) if table is not None else "any number"
             if (
                 array.ndim != 2
                 or array.shape[1] != len(names)
-                or (found is not None and len(array) != len(found))
+                or (table is not None and len(array) != len(table))
             ):
                 raise SimulationError(
                     f"{what} has the shape {array.shape}",
                     expected=f"({count}, {len(names)}): {', '.join(names)}",
                 )
-            if found is None:
-                found = np.zeros((len(array), len(self.row)))
-            found[:, places] = array
-        assert found is not None
-        return found
+            if table is None:
+                table = np.zeros((len(array), len(self.row)))
+            table[:, places] = array
+        assert table is not None
+        return table
 
     def faulty(self, row: Array) -> str:
         """The names of the numbers of a row that are not finite."""
@@ -142,36 +142,36 @@ class Measurements:
         )
 
 
-def numbers(given: Given, names: tuple[str, ...], what: str) -> Array:
+def numbers(values: Given, names: tuple[str, ...], what: str) -> Array:
     """The numbers in the order of their names; `SimulationError` for others."""
-    if isinstance(given, Mapping):
-        for name in given:
+    if isinstance(values, Mapping):
+        for name in values:
             if name not in names:
                 raise SimulationError(
                     f"unknown {what} '{name}'", remedy=suggestion(str(name), names)
                 )
-        if missing := [name for name in names if name not in given]:
+        if missing := [name for name in names if name not in values]:
             raise SimulationError(f"the {what} lacks {', '.join(missing)}")
-        given = [given[name] for name in names]
+        values = [values[name] for name in names]
     try:
-        found = np.array(_real(given), dtype=np.float64)
+        array = np.array(_real(values), dtype=np.float64)
     except NO_NUMBERS:
-        shown = repr(given)
+        shown = repr(values)
         shown = shown if len(shown) < 80 else f"{shown[:77]}..."
         raise SimulationError(f"the {what} is {shown}", expected="numbers") from None
-    if found.shape != (len(names),):
+    if array.shape != (len(names),):
         raise SimulationError(
-            f"the {what} has the shape {found.shape}",
+            f"the {what} has the shape {array.shape}",
             expected=f"{len(names)} numbers: {', '.join(names)}",
         )
-    return found
+    return array
 
 
-def _real(given: Any) -> Any:
+def _real(values: Any) -> Any:
     """What is given, unless it is complex or has no value at some place."""
-    if np.iscomplexobj(given) or isinstance(given, np.ma.MaskedArray):
+    if np.iscomplexobj(values) or isinstance(values, np.ma.MaskedArray):
         raise TypeError
-    return given
+    return values
 
 
 def time_of(t: float | None, count: int, sample_time: float) -> float:
@@ -224,14 +224,14 @@ class Plant:
         `SimulationError` for wrong names or shapes, for numbers that are not finite, and where the
         plant diverges; it stays where it was.
         """
-        given = numbers(input, self.system.input_names, "input")
+        inputs = numbers(input, self.system.input_names, "input")
         felt = np.zeros(len(self.system.disturbances))
         if disturbance is not None:
             felt = numbers(disturbance, self.system.disturbance_names, "disturbance")
-        for what, row in (("input", given), ("disturbance", felt), ("state", self._state)):
+        for what, row in (("input", inputs), ("disturbance", felt), ("state", self._state)):
             if not np.isfinite(row).all():
                 raise SimulationError(f"the {what} is {row.tolist()}", expected="finite numbers")
-        after = self._samples.after(self.t, self._state, given, felt)
+        after = self._samples.after(self.t, self._state, inputs, felt)
         if not np.isfinite(after).all():
             raise SimulationError(
                 f"the plant diverges at {self.t:g} s from {self._state.tolist()}",
@@ -317,9 +317,9 @@ class Controller:
                 raise SimulationError(
                     "the scenario has continuous control, and a controller samples"
                 )
-            kept = of.kept()
-            self.system, self.law = kept.model, kept.law
-            sample_time = kept.settings["sample_time"] if sample_time is None else sample_time
+            scenario = of.kept()
+            self.system, self.law = scenario.model, scenario.law
+            sample_time = scenario.settings["sample_time"] if sample_time is None else sample_time
         lookup = self.law.lookup
         usual = lookup.hold if isinstance(lookup, CellLookup | SampledLookup) else 0.02
         self.sample_time = usual if sample_time is None else float(sample_time)
@@ -357,8 +357,8 @@ class Controller:
         States that the law does not read may be 0. t [s]: by default the number of samples since
         `reset` times the sample time. Raises `SimulationError` for wrong names or shapes.
         """
-        told, samples = self._told, self._samples
-        finite = told.fill(measurement, disturbance)
+        readings, samples = self._told, self._samples
+        finite = readings.fill(measurement, disturbance)
         t = time_of(t, self._count, self.sample_time)
         self._count += 1
         rows, names = samples.rows, self._program.modes
@@ -368,7 +368,7 @@ class Controller:
                 nothing[rows.input], nothing[rows.actuators], "", nothing[rows.nominal],
                 math.nan, math.nan, False, False,
             )  # fmt: skip
-        row = samples.answer(t, told.row)
+        row = samples.answer(t, readings.row)
         valid = math.isfinite(row[rows.input].sum())
         if not valid:
             samples.forget()

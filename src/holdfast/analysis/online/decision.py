@@ -140,9 +140,9 @@ class Decision:
 
     def __reduce__(self) -> tuple[object, ...]:
         """What it says, and not the filter."""
-        told = Told(self.value, self.why, self.gave_way)
-        kept = self._row, self._rows, self.status, self.overruled, self.t, self.seen, told
-        return Decision, kept
+        stand_in = Told(self.value, self.why, self.gave_way)
+        fields = self._row, self._rows, self.status, self.overruled, self.t, self.seen, stand_in
+        return Decision, fields
 
     def __repr__(self) -> str:
         return f"<Decision at {self.t:g} s: {self.status.value}, input {self.input.tolist()}>"
@@ -308,7 +308,7 @@ class Intervention:
     def add(self, record: DecisionRecord) -> bool:
         """Take a sample into the interval; whether it is graver than those before."""
         graver = GRAVITY.index(record.status) > GRAVITY.index(self.status)
-        known = self.lost
+        before = self.lost
         self.lost = _joined(self.lost, (record.lost,) if record.lost else ())
         self.constraints = _joined(
             self.constraints, (*record.gave_way, *_QUOTED.findall(record.why))
@@ -320,7 +320,7 @@ class Intervention:
         self.slack = max(self.slack, record.slack) if record.slack > 0 else self.slack
         if graver:
             self.status = record.status
-        graver = graver or self.lost != known
+        graver = graver or self.lost != before
         if record.why and (graver or not self.why):
             self.why = record.why
         self.ends = record.t
@@ -391,13 +391,13 @@ class Interventions:
 
     def end(self) -> list[Event]:
         """The stream ends, and with it the intervention that goes on."""
-        found, self.current = self.current, None
-        if found is None:
+        ended, self.current = self.current, None
+        if ended is None:
             return []
-        self.intervened += found.duration
-        if self.longest is None or found.duration > self.longest.duration:
-            self.longest = found
-        return [Event("ended", found.ends, found)]
+        self.intervened += ended.duration
+        if self.longest is None or ended.duration > self.longest.duration:
+            self.longest = ended
+        return [Event("ended", ended.ends, ended)]
 
     def _closed(self, t: float) -> list[Event]:
         """What the next sample, at `t`, ends: an input is held until it comes."""
@@ -438,12 +438,12 @@ class Interventions:
 
 def changes_of(record: DecisionRecord) -> dict[str, float]:
     """By how much each input differs from the command; without those that are not known."""
-    found = {n: v - record.command.get(n, math.nan) for n, v in record.input.items()}
-    return {n: v for n, v in found.items() if math.isfinite(v) and v != 0.0}
+    changes = {n: v - record.command.get(n, math.nan) for n, v in record.input.items()}
+    return {n: v for n, v in changes.items() if math.isfinite(v) and v != 0.0}
 
 
-def _joined(known: tuple[str, ...], more: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys((*known, *more)))
+def _joined(names: tuple[str, ...], more: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys((*names, *more)))
 
 
 def _last_if_unknown(value: float) -> float:

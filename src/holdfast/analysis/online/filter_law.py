@@ -143,23 +143,23 @@ def filter_of(
 
     predicts: whether it may predict the state over a delay.
     """
-    kept: list[Any] = list(keep) if isinstance(keep, list | tuple) else [keep]
-    kernels = [_kernel(system, part, len(kept)) for part in kept if not isinstance(part, Region)]
+    parts: list[Any] = list(keep) if isinstance(keep, list | tuple) else [keep]
+    kernels = [_kernel(system, part, len(parts)) for part in parts if not isinstance(part, Region)]
     _check_options(
-        bool(kernels), len(kernels) < len(kept), rate=rate, margin=margin, delay=delay, ahead=ahead,
-        gains=gains, margins=margins, constraints=constraints, measured=measured,
+        bool(kernels), len(kernels) < len(parts), rate=rate, margin=margin, delay=delay,
+        ahead=ahead, gains=gains, margins=margins, constraints=constraints, measured=measured,
         worst=worst, uncertain=uncertain,
     )  # fmt: skip
     if constraints is not None:
-        place, first = next((k, x) for k, x in enumerate(kept) if isinstance(x, Region))
-        kept[place] = both(first, constraints)
-    regions = [part for part in kept if isinstance(part, Region)]
-    known = [name for region in regions for name in region.inequality_names]
+        place, first = next((k, x) for k, x in enumerate(parts) if isinstance(x, Region))
+        parts[place] = both(first, constraints)
+    regions = [part for part in parts if isinstance(part, Region)]
+    names = [name for region in regions for name in region.inequality_names]
     for name in margins or {}:
-        if name not in known:
+        if name not in names:
             raise DefinitionError(
                 f"margin of '{name}', which is not an inequality of what is kept",
-                remedy=suggestion(str(name), known),
+                remedy=suggestion(str(name), names),
             )
     command = commanded(system)
 
@@ -189,13 +189,13 @@ def filter_of(
             sample_time=sample_time,
         )
 
-    filters = [kept_in(part) for part in kept]
+    filters = [kept_in(part) for part in parts]
     law = in_order(filters) if len(filters) > 1 else filters[0]
     region = reduce(both, regions) if regions else None
     return Made(
         system,
         law,
-        kept[0],
+        parts[0],
         kernels[0] if kernels else None,
         region,
         partial(
@@ -220,13 +220,13 @@ def _kernel(system: System, part: Any, count: int) -> KeptKernel:
     return kept_kernel(system, part, count)
 
 
-def fallback_of(system: System, given: Sequence[float] | None) -> tuple[Array, Array]:
+def fallback_of(system: System, fallback: Sequence[float] | None) -> tuple[Array, Array]:
     """The input, within its bounds, that is applied where nothing is known; its actuators."""
     names = system.input_names
-    wanted = np.zeros(len(names)) if given is None else np.asarray(given, dtype=np.float64)
+    wanted = np.zeros(len(names)) if fallback is None else np.asarray(fallback, dtype=np.float64)
     if wanted.shape != (len(names),) or not np.isfinite(wanted).all():
         raise SimulationError(
-            f"fallback is {given!r}", expected=f"{len(names)} numbers: {', '.join(names)}"
+            f"fallback is {fallback!r}", expected=f"{len(names)} numbers: {', '.join(names)}"
         )
     values = {p.symbol: p.value for p in system.parameters}
     asked = system.allocated([sp.Float(v) for v in wanted])
@@ -235,13 +235,13 @@ def fallback_of(system: System, given: Sequence[float] | None) -> tuple[Array, A
     return np.array(made, dtype=np.float64), np.array(limited, dtype=np.float64)
 
 
-def _check_options(kernel: bool, region: bool, **given: Any) -> None:
+def _check_options(kernel: bool, region: bool, **options: Any) -> None:
     """Refuse options that nothing of what is kept has."""
     if not kernel and not region:
         raise DefinitionError("there is nothing to keep", expected="a region or a kernel")
-    if region and not kernel and given["delay"]:
+    if region and not kernel and options["delay"]:
         raise DefinitionError(
-            f"a delay of {given['delay']:g} s, for which a region's filter has no margin",
+            f"a delay of {options['delay']:g} s, for which a region's filter has no margin",
             remedy="give margins for what may happen meanwhile, or a kernel",
         )
     of_kernels = {"rate": None, "margin": None, "delay": 0.0, "ahead": True}
@@ -255,26 +255,26 @@ def _check_options(kernel: bool, region: bool, **given: Any) -> None:
     }
     for usual, has, whose in ((of_kernels, kernel, "region"), (of_regions, region, "kernel")):
         for name, value in usual.items():
-            if not has and given[name] != value:
+            if not has and options[name] != value:
                 raise DefinitionError(f"{name} is given, which a {whose}'s filter has not")
 
 
-def warn_of_reduction(own: System, around: System | None) -> None:
+def warn_of_reduction(system: System, around: System | None) -> None:
     """A filter of a reduced model cannot keep its promise around the whole vehicle."""
     if around is None:
-        missing, whole = own.promoted, "the vehicle itself"
-        remedy = f"around=system says that you command {_and(own.input_names)} at once"
+        missing, whole = system.promoted, "the vehicle itself"
+        remedy = f"around=system says that you command {_and(system.input_names)} at once"
     else:
-        if unknown := [n for n in own.state_names if n not in around.state_names]:
+        if unknown := [n for n in system.state_names if n not in around.state_names]:
             raise DefinitionError(
-                f"system '{own.name}' has the state '{unknown[0]}', and '{around.name}' has "
+                f"system '{system.name}' has the state '{unknown[0]}', and '{around.name}' has "
                 "none of that name"
             )
-        missing = tuple(n for n in around.state_names if n not in own.state_names)
+        missing = tuple(n for n in around.state_names if n not in system.state_names)
         whole, remedy = f"'{around.name}'", "compute a kernel of it, or keep a region"
     if missing:
         warnings.warn(
-            f"the filter is computed for '{own.name}', which leaves out how {_and(missing)} "
+            f"the filter is computed for '{system.name}', which leaves out how {_and(missing)} "
             f"{'change' if len(missing) > 1 else 'changes'}; around {whole} its promise does not "
             f"hold; {remedy}",
             ModelWarning,
@@ -328,11 +328,11 @@ class Forecast:
             replace(p, value=values.get(p.name, p.value)) for p in self._program.parameters
         )
         self._loop.program = replace(self._program, parameters=parameters)
-        found = self._loop.simulate(np.asarray(state, dtype=np.float64)[np.newaxis], self._settings)
-        left = found.outcome[0] == Outcome.LEFT
+        run = self._loop.simulate(np.asarray(state, dtype=np.float64)[np.newaxis], self._settings)
+        left = run.outcome[0] == Outcome.LEFT
         return (
-            found.time, found.state[0], float(found.exit_time[0]) if left else math.nan,
-            int(found.exit_constraint[0]),
+            run.time, run.state[0], float(run.exit_time[0]) if left else math.nan,
+            int(run.exit_constraint[0]),
         )  # fmt: skip
 
 
@@ -348,16 +348,16 @@ class Reasons:
         system: System,
         made: Made,
         law: Law | Switching,
-        told: Measurements,
+        readings: Measurements,
         program: ClosedLoopProgram,
         timed: bool,
     ) -> None:
         self.system, self.made, self.constraints = system, made, made.region
-        self.told, self.program = told, program
+        self.told, self.program = readings, program
         ((self.count, self.hard),) = program.conditions_of_modes
         (self._ahead,) = program.foresight_of_modes
         estimated = any(q.name.endswith("_hat") for q in law.reads)
-        self.whole = told.states == system.state_names and not estimated
+        self.whole = readings.states == system.state_names and not estimated
         self.law, self.timed = law, timed
 
     def prepare(self) -> None:
@@ -463,7 +463,7 @@ class Reasons:
             gave.insert(0 if self._ahead[4] else len(gave), "value")
         return tuple(dict.fromkeys(gave))
 
-    def _lacks(self, decision: Decision, given: Array, level: int) -> float:
+    def _lacks(self, decision: Decision, inputs: Array, level: int) -> float:
         """What the value a sample after an input lacks of its level (0), or of its floor (1)."""
         _, moves, curved, motion, _ = self._ahead
         m = len(self.system.inputs)
@@ -473,7 +473,7 @@ class Reasons:
         whole = (np.ascontiguousarray(a, dtype=np.int64) for a in (shape, periodic))
         least: float = called(
             "foreseen", "least_after", values, numbers[3 : 3 + motion].copy(),
-            np.ascontiguousarray(given), -math.inf, low, steps, *whole, axes, m, moves, curved,
+            np.ascontiguousarray(inputs), -math.inf, low, steps, *whole, axes, m, moves, curved,
             numbers[2], np.empty(numbers_of_look(axes, moves)), np.zeros(3 * axes, dtype=np.int64),
         )  # fmt: skip
         return float(numbers[level] - least - 1e-9 * numbers[2])
@@ -486,13 +486,13 @@ class Reasons:
         ]
         return "".join(f"; {text}" for text in said)
 
-    def _short(self, decision: Decision, given: Array) -> Array:
+    def _short(self, decision: Decision, inputs: Array) -> Array:
         """By how much an input misses each condition, in units of its normal and its terms."""
         m = len(self.system.inputs)
         rows = decision.conditions[: self.count * (m + 1)].reshape(-1, m + 1)[self.hard :]
         size = np.linalg.norm(rows[:, :m], axis=1)
-        found: Array = (rows[:, :m] @ given - rows[:, m]) / np.where(size > 0, size, 1.0)
-        return found
+        misses: Array = (rows[:, :m] @ inputs - rows[:, m]) / np.where(size > 0, size, 1.0)
+        return misses
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
@@ -522,8 +522,8 @@ class Reasons:
         return f"; the nearest: {self._distance(decision, names[int(np.argmax(levels))])}"
 
     def _levels(self, seen: Array) -> Array:
-        found: Array = self._evaluator.values(seen[np.newaxis, : len(self.system.states)])[0]
-        return found
+        levels: Array = self._evaluator.values(seen[np.newaxis, : len(self.system.states)])[0]
+        return levels
 
     @cached_property
     def _evaluator(self) -> Evaluator:

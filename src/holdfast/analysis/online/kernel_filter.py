@@ -186,17 +186,17 @@ class KeptKernel:
         return ""
 
 
-def _check_parts(system: System, value: PartsValue, kept: int) -> None:
+def _check_parts(system: System, value: PartsValue, count: int) -> None:
     """Refuse a kernel that is put together for another system, and one beside regions."""
-    own = value.decomposition.system
-    same = own.state_names == system.state_names and definition(own) == definition(system)
-    numbers = [{q.name: float(q.value) for q in s.parameters} for s in (own, system)]
+    whole = value.decomposition.system
+    same = whole.state_names == system.state_names and definition(whole) == definition(system)
+    numbers = [{q.name: float(q.value) for q in s.parameters} for s in (whole, system)]
     if not (same and numbers[0] == numbers[1]):
         raise SimulationError(
-            f"the kernel of parts belongs to another system '{own.name}'",
+            f"the kernel of parts belongs to another system '{whole.name}'",
             expected=f"system '{system.name}' with the same rates, bounds and parameters",
         )
-    if kept > 1:
+    if count > 1:
         raise DefinitionError(
             "a kernel that is put together from parts is kept beside something else",
             expected="it alone",

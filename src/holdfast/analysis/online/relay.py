@@ -80,11 +80,11 @@ class Relay:
 
     def measured(self, state: Given, now: float, disturbance: Given | None = None) -> None:
         """A measurement of the states that the filter is given, taken or received at `now` [s]."""
-        at, found, felt = _time(now), numbers(state, self.states, "state"), None
+        at, row, felt = _time(now), numbers(state, self.states, "state"), None
         if self.keep.measured_disturbances:
             names = self.keep.measured_disturbances
             felt = numbers(() if disturbance is None else disturbance, names, "disturbance")
-        self._measurement.take(at, (found, felt))
+        self._measurement.take(at, (row, felt))
 
     def commanded(self, command: Given, now: float) -> None:
         """A command, given or received at `now` [s]."""
@@ -148,7 +148,7 @@ class Relay:
     def _recorded(
         self, decision: Decision, now: float, lost: str, age: float, state: Array
     ) -> DecisionRecord:
-        known = lost != "measurement"
+        measured = lost != "measurement"
         kind = f"{lost}/{decision.status.value}"
         if kind == self._said and now - self._said_at < AGAIN:
             why = ""
@@ -163,15 +163,15 @@ class Relay:
             self._said, self._said_at = kind, now
         return DecisionRecord(
             t=now,
-            status="no measurement" if not known else decision.status.value,
+            status="no measurement" if not measured else decision.status.value,
             lost=lost,
-            state=_named(self.states, state if known else self._nothing),
+            state=_named(self.states, state if measured else self._nothing),
             command=_named(self.commands, decision.nominal),
             input=_named(self.commands, decision.input),
             actuators=_named(self.keep.actuator_names, decision.actuators),
             overruled=decision.overruled,
             slack=decision.slack,
-            value=decision.value if known else math.nan,
+            value=decision.value if measured else math.nan,
             gave_way=decision.gave_way,
             why=why,
         )
@@ -212,10 +212,10 @@ class _Stream(Generic[Item]):
 
 
 def _time(now: float) -> float:
-    found = time_of(now, 0, 0.0) if now is not None else math.nan
-    if not math.isfinite(found):
+    seconds = time_of(now, 0, 0.0) if now is not None else math.nan
+    if not math.isfinite(seconds):
         raise SimulationError(f"now is {now!r}"[:80], expected="a number of seconds")
-    return found
+    return seconds
 
 
 def _named(names: tuple[str, ...], values: Any) -> Mapping[str, float]:
@@ -287,10 +287,10 @@ class SampleLines:
         """State, command and disturbance; None for what did not come."""
         felt = self.keep.measured_disturbances
         names = {"state": self.relay.states, "command": self.relay.commands, "disturbance": felt}
-        found = [_by_name(said.get(what), names[what], what) for what in names]
-        if felt and found[0] is not None and found[2] is None:
+        rows = [_by_name(said.get(what), names[what], what) for what in names]
+        if felt and rows[0] is not None and rows[2] is None:
             raise SimulationError(f"the disturbance lacks {', '.join(felt)}")
-        return found
+        return rows
 
     def _fallback(self) -> DecisionRecord:
         """What the filter answers where nothing is known."""
@@ -327,9 +327,9 @@ def _by_name(said: Any, names: tuple[str, ...], what: str) -> list[float] | None
         v is None or (isinstance(v, int | float) and not isinstance(v, bool)) for v in said.values()
     ):
         raise SimulationError(f"the {what} is {_shown(said)}", expected="numbers by name")
-    known = {name: math.nan if v is None else v for name, v in said.items()}
-    found: list[float] = numbers(known, names, what).tolist()
-    return found
+    values = {name: math.nan if v is None else v for name, v in said.items()}
+    row: list[float] = numbers(values, names, what).tolist()
+    return row
 
 
 def _shown(said: Any) -> str:

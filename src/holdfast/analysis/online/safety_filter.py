@@ -445,21 +445,21 @@ class SafetyFilter:
         A vehicle's loop calls it once a sample. Raises `SimulationError` for wrong names or shapes;
         numbers that are not finite are a status.
         """
-        told = self._told
-        finite = told.fill(state, disturbance, command)
+        readings = self._told
+        finite = readings.fill(state, disturbance, command)
         t = time_of(t, self._count, self.sample_time)
         self._count += 1
-        seen = told.row.copy()
+        seen = readings.row.copy()
         if not (finite and math.isfinite(t)):
             return self._refused(t, seen)
         samples = self._samples
         row = samples.answer(t, seen)
         rows, values = samples.rows, row.tolist()
-        given, wanted = values[rows.command], values[rows.nominal]
-        if not math.isfinite(sum(given)) or math.isnan(values[rows.slack]):
+        applied, wanted = values[rows.command], values[rows.nominal]
+        if not math.isfinite(sum(applied)) or math.isnan(values[rows.slack]):
             samples.forget()
             return self._refused(t, seen)
-        changed = given != wanted
+        changed = applied != wanted
         if self._past(t) or not math.isnan(values[rows.outside]) or self._beyond(seen):
             status = Status.OUTSIDE_GRID
         elif values[rows.slack] > 0.0:
@@ -500,16 +500,16 @@ class SafetyFilter:
     def _answers(self, t: float, seen: Array, finite: npt.NDArray[np.bool_]) -> Decisions:
         assert self._many is not None
         before = self._many.memory
-        found = self._many.answers(t, np.where(finite[:, np.newaxis], seen, 0.0))
+        answers = self._many.answers(t, np.where(finite[:, np.newaxis], seen, 0.0))
         rows = self._many.rows
-        finite = finite & np.isfinite(found[:, rows.command]).all(axis=1)
-        finite &= ~np.isnan(found[:, rows.slack])
-        inputs, nominal = found[:, rows.command], found[:, rows.nominal]
-        actuators, slack = found[:, rows.actuators], found[:, rows.slack].copy()
-        overruled = found[:, rows.overruled] != 0.0
+        finite = finite & np.isfinite(answers[:, rows.command]).all(axis=1)
+        finite &= ~np.isnan(answers[:, rows.slack])
+        inputs, nominal = answers[:, rows.command], answers[:, rows.nominal]
+        actuators, slack = answers[:, rows.actuators], answers[:, rows.slack].copy()
+        overruled = answers[:, rows.overruled] != 0.0
         changed = (inputs != nominal).any(axis=1)
         states = np.where(finite[:, np.newaxis], seen, 0.0)[:, : len(self.system.states)]
-        outside = ~np.isnan(found[:, rows.outside]) | self._past(t)
+        outside = ~np.isnan(answers[:, rows.outside]) | self._past(t)
         if self._made.parts is not None:
             outside |= self._made.parts.excess(states) > 0
         if not finite.all():
@@ -521,7 +521,7 @@ class SafetyFilter:
             slack[k], overruled[k] = 0.0, True
         codes = np.select([~finite, outside, slack > 0.0, changed], [4, 3, 2, 1], default=0)
         status = tuple(_STATUSES[k] for k in codes.tolist())
-        value = np.where(finite, self._made.values(states, found[:, rows.value]), math.nan)
+        value = np.where(finite, self._made.values(states, answers[:, rows.value]), math.nan)
         return Decisions(inputs, actuators, nominal, overruled, slack, value, status)
 
     def _past(self, t: float) -> bool:
@@ -667,11 +667,11 @@ class SafetyFilter:
         return Evaluator(list(self._made.ahead.memory.following.values()), symbols, ())
 
     def _nothing_from(self, t: float, seen: Array) -> Decision:
-        rows, told = self._samples.rows, self._told
+        rows, readings = self._samples.rows, self._told
         row = self._samples.nothing()
         row[rows.command] = row[rows.input] = self._fallback[0]
         row[rows.actuators] = self._fallback[1]
-        row[rows.nominal] = seen[len(seen) - len(told.handed) :]
+        row[rows.nominal] = seen[len(seen) - len(readings.handed) :]
         row[rows.slack], row[rows.overruled] = 0.0, 1.0
         return Decision(row, rows, Status.NOT_A_NUMBER, True, t, seen, self)
 

@@ -50,10 +50,10 @@ class Parts(Protocol):
     stages: int
     here: bool
 
-    def ask(self, method: str, *given: Any) -> list[Any]:
+    def ask(self, method: str, *arguments: Any) -> list[Any]:
         """What every part answers to a method of `MarchPart`, in their order."""
 
-    def ask_one(self, place: int, method: str, *given: Any) -> Any:
+    def ask_one(self, place: int, method: str, *arguments: Any) -> Any:
         """What one of them answers."""
 
     def exchange(self) -> None:
@@ -81,9 +81,9 @@ class Here:
 
     @contextmanager
     def parts(self, posed: Posed, h: Hamiltonian) -> Iterator[Parts]:
-        found = cut(posed, self._count)
+        most = cut(posed, self._count)
         stages = posed.method.stages if self._by_step else 1
-        parts = layers_of(posed).parts(found, stages)
+        parts = layers_of(posed).parts(most, stages)
         local = PartsHere(
             [
                 MarchPart(posed, part, stages=stages, threads=self._threads, room=self._room, h=h)
@@ -130,11 +130,11 @@ class PartsHere:
         self.parts: Sequence[Part] = [p.part for p in held]
         self._wanted = [p.wanted(self.parts) for p in self.parts]
 
-    def ask(self, method: str, *given: Any) -> list[Any]:
-        return [getattr(p, method)(*given) for p in self._held]
+    def ask(self, method: str, *arguments: Any) -> list[Any]:
+        return [getattr(p, method)(*arguments) for p in self._held]
 
-    def ask_one(self, place: int, method: str, *given: Any) -> Any:
-        return getattr(self._held[place], method)(*given)
+    def ask_one(self, place: int, method: str, *arguments: Any) -> Any:
+        return getattr(self._held[place], method)(*arguments)
 
     def exchange(self) -> None:
         for part, wanted in zip(self._held, self._wanted, strict=True):
@@ -152,8 +152,8 @@ class DividedMarch:
         """The largest rate of change of the start value [its unit per second], for a filter."""
         self.falls = np.max(parts.ask("falls", facts.highest), axis=0)
         """Of `March`."""
-        given = () if begin is None else (begin,)
-        self.start: Facts = merged(parts.ask("begin", facts, *given))
+        least = () if begin is None else (begin,)
+        self.start: Facts = merged(parts.ask("begin", facts, *least))
         """What is known of the start value."""
         self._stages = posed.method.stages
         self._waiting: list[StageOrder] = []
@@ -179,12 +179,12 @@ class DividedMarch:
         self._again = False
         if s < self._stages - 1 and self._parts.stages > len(self._waiting):
             return np.zeros(3)
-        found = joined(self._parts.ask("carry_out", self._waiting))
+        answer = joined(self._parts.ask("carry_out", self._waiting))
         self._waiting = []
-        self._first, self._fixed = found.first, found.fixed
-        if len(self._parts.parts) > 1 and not found.wrong:
+        self._first, self._fixed = answer.first, answer.fixed
+        if len(self._parts.parts) > 1 and not answer.wrong:
             self._parts.exchange()
-        return np.array([found.computed, found.wrong, found.move])
+        return np.array([answer.computed, answer.wrong, answer.move])
 
     def not_finite(self) -> int:
         return self._first
@@ -235,8 +235,8 @@ class DividedMarch:
 
     def ends(self) -> Ends:
         """The ends of the grid that the set touches."""
-        found: Ends = frozenset().union(*self._parts.ask("ends"))
-        return found
+        touched: Ends = frozenset().union(*self._parts.ask("ends"))
+        return touched
 
     def recorded(self) -> float:
         """The time [s] up to which arrivals are recorded."""
@@ -251,33 +251,33 @@ class DividedMarch:
         """The arrays themselves, where one part has all; what a march that goes on overwrites."""
         if self.divided:
             return None
-        found: Mapping[str, Array] = self._parts.ask_one(0, "held")
-        return found
+        arrays: Mapping[str, Array] = self._parts.ask_one(0, "held")
+        return arrays
 
     def bounded(self) -> tuple[Array, Array | None, Array | None]:
         """The values of the only part, and what bounds them above and below."""
-        found: tuple[Array, Array | None, Array | None] = self._parts.ask_one(0, "bounded")
-        return found
+        arrays: tuple[Array, Array | None, Array | None] = self._parts.ask_one(0, "bounded")
+        return arrays
 
     def arrays(self, room: Room | None = None) -> dict[str, Array]:
         """The values and the records over the grid, brought together part after part."""
         self.complete()
-        if (found := self.whole()) is not None:
-            return dict(found)
+        if (held := self.whole()) is not None:
+            return dict(held)
         kinds: dict[str, str] = self._parts.ask_one(0, "kinds")
         plane = self._posed.grid.nodes // self._posed.grid.axes[0].count
         nodes, place = self._posed.grid.nodes, room or Memory()
         whole = {name: place.empty(nodes, kind) for name, kind in kinds.items()}
         for k, part in enumerate(self._parts.parts):
-            own = part.own_nodes
-            count = (own.stop - own.start) * plane
+            planes = part.own_nodes
+            count = (planes.stop - planes.start) * plane
             for name, array in whole.items():
                 for first in range(0, count, TOGETHER):
                     last = min(first + TOGETHER, count)
                     piece = self._parts.ask_one(k, "piece", name, first, last)
-                    array[own.start * plane + first : own.start * plane + last] = piece
+                    array[planes.start * plane + first : planes.start * plane + last] = piece
         return whole
 
-    def each(self, method: str, *given: Any) -> list[Any]:
+    def each(self, method: str, *arguments: Any) -> list[Any]:
         """What every part answers."""
-        return self._parts.ask(method, *given)
+        return self._parts.ask(method, *arguments)

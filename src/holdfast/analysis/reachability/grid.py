@@ -32,10 +32,10 @@ def number(what: str, value: object, expected: str, holds: Callable[[float], boo
 
     NaN is refused, because every comparison with it is false.
     """
-    found = as_number(value)
-    if found is None or not holds(found):
+    as_float = as_number(value)
+    if as_float is None or not holds(as_float):
         raise SimulationError(f"{what}{value!r}", expected=expected)
-    return found
+    return as_float
 
 
 def whole(what: str, value: object, least: int, most: float = float("inf")) -> int:
@@ -181,12 +181,12 @@ def _axis(
         raise SimulationError(f"the grid has no interval for '{q.name}'")
     wanted = nodes.get(q.name) if isinstance(nodes, Mapping) else nodes
     count = whole(f"nodes along '{q.name}': ", wanted, 2)
-    given = box[q.name]
-    pair = isinstance(given, (tuple, list, np.ndarray)) and len(given) == 2
-    low, high = (as_number(v) for v in given) if pair else (None, None)
+    interval = box[q.name]
+    pair = isinstance(interval, (tuple, list, np.ndarray)) and len(interval) == 2
+    low, high = (as_number(v) for v in interval) if pair else (None, None)
     if low is None or high is None:
         raise SimulationError(
-            f"the interval of '{q.name}' is {given!r}", expected="two numbers, (low, high)"
+            f"the interval of '{q.name}' is {interval!r}", expected="two numbers, (low, high)"
         )
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise SimulationError(

@@ -88,15 +88,15 @@ NODES_RENEWED_AT_ONCE = 1 << 20
 """Nodes at which moving bounds are renewed together."""
 
 
-def merged(found: Sequence[Facts]) -> Facts:
+def merged(parts: Sequence[Facts]) -> Facts:
     """Of the whole grid, from those of its parts."""
     return Facts(
-        any(f.nan for f in found),
-        any(f.inside for f in found),
-        frozenset().union(*(f.ends for f in found)),
-        max(f.cell for f in found),
-        max(f.highest for f in found),
-        max(f.deepest for f in found),
+        any(f.nan for f in parts),
+        any(f.inside for f in parts),
+        frozenset().union(*(f.ends for f in parts)),
+        max(f.cell for f in parts),
+        max(f.highest for f in parts),
+        max(f.deepest for f in parts),
     )
 
 
@@ -144,14 +144,14 @@ class Obstacles:
 
     def facts(self) -> Facts:
         start = self.start.reshape(self.shape)
-        own = self.part.own
-        mine = start[own]
-        before = own.start - (self.part.first > 0)  # the change from the part before it, too
+        planes = self.part.own
+        mine = start[planes]
+        before = planes.start - (self.part.first > 0)  # the change from the part before it, too
         return Facts(
             bool(np.isnan(mine.min())),
             any((plane > 0).any() for plane in mine),
             touched(mine, self.part.ends),
-            largest_change(start[before : own.stop]),
+            largest_change(start[before : planes.stop]),
             float(mine.max()),
             float(max(mine.max(), -mine.min())),
         )
@@ -208,23 +208,23 @@ class Obstacles:
         plane = len(self.start) // self.shape[0]
         nodes = slice(first * plane, last * plane)
         start, lower, upper = self._at(time, nodes)
-        for known, new in ((self.lower, lower), (self.upper, upper)):
-            if known is not None and new is not None:
-                known[nodes] = new
-        own = self.part.own
-        low, high = max(own.start, first), min(own.stop, last)
+        for bound, new in ((self.lower, lower), (self.upper, upper)):
+            if bound is not None and new is not None:
+                bound[nodes] = new
+        planes = self.part.own
+        low, high = max(planes.start, first), min(planes.stop, last)
         if low >= high:
             return NOTHING
         mine = start.reshape(last - first, *self.shape[1:])[low - first : high - first]
         at_first, at_last = self.part.ends
-        ends = touched(mine, (at_first and low == own.start, at_last and high == own.stop))
+        ends = touched(mine, (at_first and low == planes.start, at_last and high == planes.stop))
         return replace(
             NOTHING, nan=bool(np.isnan(mine.min())), ends=ends, highest=float(mine.max())
         )
 
-    def check(self, found: Sequence[Facts]) -> None:
+    def check(self, parts: Sequence[Facts]) -> None:
         """Refuse bounds, renewed at all places, of a start that no march can go on with."""
-        facts = merged(found)
+        facts = merged(parts)
         check_start(self.posed, facts)
         self.highest = max(self.highest, facts.highest)
 
@@ -238,16 +238,16 @@ class Obstacles:
     def _at(self, time: float, of: slice = ALL) -> tuple[Array, Array | None, Array | None]:
         """The initial value and the obstacles at a time, at all nodes or at some."""
         posed, room = self.posed, None if self.room is None else self.room[of]
-        own, *others = (margin(time, of) for margin in self.margins)
-        kept = posed.problem.limit == "shrink"
-        lower = None if kept else own
-        upper: Array | None = own if kept else (others[0] if others else None)
+        first, *others = (margin(time, of) for margin in self.margins)
+        shrinks = posed.problem.limit == "shrink"
+        lower = None if shrinks else first
+        upper: Array | None = first if shrinks else (others[0] if others else None)
         if posed.beyond == "lost" and room is not None:
             upper = room if upper is None else np.minimum(upper, room, out=self._empty(len(room)))
         elif posed.beyond == "won" and room is not None:
             lower = np.negative(room, out=self._empty(len(room)))
-            (np.minimum if kept else np.maximum)(own, lower, out=lower)
-        start = upper if kept or lower is None else lower
+            (np.minimum if shrinks else np.maximum)(first, lower, out=lower)
+        start = upper if shrinks or lower is None else lower
         assert start is not None
         if upper is not None and upper is not start:
             start = np.minimum(start, upper, out=self._empty(len(start)) if of is ALL else None)
@@ -292,14 +292,14 @@ def largest_change(values: Array) -> float:
         near = (ahead > 0) | (behind > 0)
         return float(np.abs(ahead - behind)[near].max(initial=0.0))
 
-    found = 0.0
+    change = 0.0
     for k, slab in enumerate(values):  # slab by slab, to save memory
         if k:
-            found = max(found, largest(slab, values[k - 1]))
+            change = max(change, largest(slab, values[k - 1]))
         for i in range(slab.ndim):
             rows = np.moveaxis(slab, i, 0)
-            found = max(found, largest(rows[1:], rows[:-1]))
-    return found
+            change = max(change, largest(rows[1:], rows[:-1]))
+    return change
 
 
 NODES_LOOKED_AT_AT_ONCE = 1 << 20
@@ -335,23 +335,23 @@ class Record:
 
     def arrays(self) -> dict[str, Array]:
         """All that is kept so far."""
-        kept: dict[str, Array] = {named(t): v for t, v in self.found.items()}
+        records: dict[str, Array] = {named(t): v for t, v in self.found.items()}
         if self.arrival is not None:
-            kept |= {"arrival": self.arrival, "before": self.before}
-        return kept
+            records |= {"arrival": self.arrival, "before": self.before}
+        return records
 
-    def restore(self, known: Callable[[str], Any | None], own: slice, then: float) -> None:
-        """known: what was kept, over the grid, by name; own: the nodes of this record."""
+    def restore(self, saved: Callable[[str], Any | None], nodes: slice, then: float) -> None:
+        """saved: what was kept, over the grid, by name; nodes: those of this record."""
         for time in self.posed.asked:
-            if (values := known(named(time))) is not None:
-                count, kind = own.stop - own.start, self.posed.marching.precision
+            if (values := saved(named(time))) is not None:
+                count, kind = nodes.stop - nodes.start, self.posed.marching.precision
                 self.found[time] = self._room.empty(count, kind)
-                _fill(self.found[time], values, own)
+                _fill(self.found[time], values, nodes)
         if self.arrival is not None:
             for name, array in (("arrival", self.arrival), ("before", self.before)):
-                values = known(name)
+                values = saved(name)
                 assert values is not None
-                _fill(array, values, own)
+                _fill(array, values, nodes)
             self.then = then
 
 
@@ -370,11 +370,11 @@ def named(time: float) -> str:
     return f"at_{time!r}"
 
 
-def _fill(array: Array, values: Any, own: slice) -> None:
+def _fill(array: Array, values: Any, nodes: slice) -> None:
     """With these of the values, some at a time."""
     for part in _parts(len(array)):
-        stop = min(own.start + part.stop, own.stop)
-        array[part] = values[own.start + part.start : stop]
+        stop = min(nodes.start + part.stop, nodes.stop)
+        array[part] = values[nodes.start + part.start : stop]
 
 
 def _parts(count: int) -> list[slice]:
@@ -416,10 +416,14 @@ class PartFiles:
     def finish(self, said: Mapping[str, Any], new: Path, written: Sequence[Written]) -> None:
         """All parts have written this generation: it holds from now on."""
         names = sorted({name for _, arrays in written for name in arrays})
-        found = {"generation": new.name, "parts": [first for first, _ in written], "arrays": names}
+        contents = {
+            "generation": new.name,
+            "parts": [first for first, _ in written],
+            "arrays": names,
+        }
         kept_at_the_end(new)  # before it holds: an interruption may come at any time
         with atomic_file(self.path / SAID) as partial:
-            partial.write_text(json.dumps({**said, **found}), "utf-8")
+            partial.write_text(json.dumps({**said, **contents}), "utf-8")
         for other in self.path.iterdir():
             if _GENERATION.fullmatch(other.name) and other != new:
                 self.remove(other)
@@ -463,18 +467,18 @@ def read_parts(path: Path, plane: int) -> Callable[[str], Any | None]:
     plane: the number of nodes at a place of the first axis.
     """
     if path.is_file():
-        kept = np.load(path, allow_pickle=False)
-        return lambda name: kept.get(name)
+        arrays = np.load(path, allow_pickle=False)
+        return lambda name: arrays.get(name)
     said = json.loads((path / SAID).read_text("utf-8"))
     folder = path / said["generation"]
 
-    def known(name: str) -> _Joined | None:
+    def array_of(name: str) -> _Joined | None:
         if name not in said["arrays"]:
             return None
         files = {first * plane: _file(folder, first, name) for first in said["parts"]}
         return _Joined({k: np.load(f, mmap_mode="r", allow_pickle=False) for k, f in files.items()})
 
-    return known
+    return array_of
 
 
 class _Joined:
@@ -559,18 +563,18 @@ class MarchPart:
         least: values that it begins with where they are less.
         """
         obstacles, posed = self._obstacles, self.posed
-        found = obstacles.begin(facts)
+        of_part = obstacles.begin(facts)
         if least is not None:
             planes = least.reshape(posed.grid.axes[0].count, -1)[self.part.nodes]
             np.minimum(obstacles.start, planes.ravel(), out=obstacles.start)
-            found = replace(found, deepest=obstacles.facts().deepest)
+            of_part = replace(of_part, deepest=obstacles.facts().deepest)
         mirror = reflected(posed, self.part)
         self.march = march_of(
             posed, self._h, posed.grid, part=self.part, threads=self._threads, reflected=mirror
         )
         self._values = obstacles.start
         self.record = Record(posed, self._mine(self._values), self._room)
-        return found
+        return of_part
 
     def code(self) -> str:
         """What the compiled march is called."""
@@ -582,11 +586,11 @@ class MarchPart:
 
     def open(self) -> None:
         """Make ready for the stages."""
-        given = (self._values, self._obstacles.upper, self._obstacles.lower, self._room)
+        arrays = (self._values, self._obstacles.upper, self._obstacles.lower, self._room)
         if self.part.whole:
-            self._sweeping = self.march.sweeping(*given)
+            self._sweeping = self.march.sweeping(*arrays)
         else:
-            self._sweeping = Slab(self.march, *given, self.part, self._stages)
+            self._sweeping = Slab(self.march, *arrays, self.part, self._stages)
         self._sweeping.__enter__()
 
     def close(self, complete: bool = True) -> None:
@@ -597,27 +601,27 @@ class MarchPart:
 
     def carry_out(self, orders: Sequence[StageOrder]) -> list[StageAnswer]:
         """Stages that follow one another without an exchange of halos."""
-        found = self._sweeping
-        assert found is not None
-        if isinstance(found, Streaming) and found.streams:
-            return found.step(orders, self._obstacles)
-        return list(carried_out(found, orders, self._obstacles))
+        sweeping = self._sweeping
+        assert sweeping is not None
+        if isinstance(sweeping, Streaming) and sweeping.streams:
+            return sweeping.step(orders, self._obstacles)
+        return list(carried_out(sweeping, orders, self._obstacles))
 
     def edges(self, wanted: Sequence[int]) -> Edges:
         assert isinstance(self._sweeping, Slab)
         return self._sweeping.edges(wanted)
 
-    def take(self, found: Sequence[Edges]) -> None:
+    def take(self, edges: Sequence[Edges]) -> None:
         assert isinstance(self._sweeping, Slab)
-        self._sweeping.take(found)
+        self._sweeping.take(edges)
 
     def now(self) -> Array:
         """The values at the part's own nodes, between two steps; they change with the next."""
         return self._mine(self._values if self._sweeping is None else self._sweeping.values())
 
     def _mine(self, values: Array) -> Array:
-        own = self.part.own
-        return values[own.start * self._plane : own.stop * self._plane]
+        planes = self.part.own
+        return values[planes.start * self._plane : planes.stop * self._plane]
 
     def keep(self, time: float) -> None:
         """Take down the values of a time [s] marched."""
@@ -668,15 +672,15 @@ class MarchPart:
 
     def restore(self, path: Path, then: float) -> None:
         """Go on from the checkpoint at a path, which was recorded up to the time `then` [s]."""
-        plane, own = self._plane, self.part.own_nodes
+        plane, planes = self._plane, self.part.own_nodes
         with readable(path, "" if self.part.whole else "a checkpoint that all machines share"):
-            known = read_parts(path, plane)
-            values = known("values")
+            saved = read_parts(path, plane)
+            values = saved("values")
             if values is None:
                 raise KeyError("values")
             for j, k in enumerate(self.part.nodes.tolist()):
                 self._values[j * plane : (j + 1) * plane] = values[k * plane : (k + 1) * plane]
-            self.record.restore(known, slice(own.start * plane, own.stop * plane), then)
+            self.record.restore(saved, slice(planes.start * plane, planes.stop * plane), then)
         if self.posed.varies:  # what it has come to by now, when it may have been larger than now
             largest = float(self._mine(self._values).max())
             self._obstacles.highest = max(self._obstacles.highest, largest)

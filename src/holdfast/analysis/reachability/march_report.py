@@ -130,8 +130,8 @@ class Report:
     @classmethod
     def read(cls, attributes: Mapping[Any, Any]) -> Report:
         """The record of these attributes; others are ignored, and missing ones have defaults."""
-        known = {n: attributes[n] for n in _DEFAULTS if n in attributes}
-        return cls(**{n: _read(v, _DEFAULTS[n]) for n, v in known.items()})
+        entries = {n: attributes[n] for n in _DEFAULTS if n in attributes}
+        return cls(**{n: _read(v, _DEFAULTS[n]) for n, v in entries.items()})
 
 
 _DEFAULTS: dict[str, Any] = asdict(Report())

@@ -93,8 +93,8 @@ def part_memory(posed: Posed, part: Part) -> int:
     """The same for the part of a march that is divided, with its halo, and with two times what it
     hands over, which is as much as it is handed. The workers do not hold what a first march gave.
     """
-    own = part.own_nodes
-    halo = (len(part.nodes) - (own.stop - own.start)) * posed.grid.nodes // part.of.nodes
+    planes = part.own_nodes
+    halo = (len(part.nodes) - (planes.stop - planes.start)) * posed.grid.nodes // part.of.nodes
     edges = 2 * halo * np.dtype(posed.marching.precision).itemsize
     return _bytes_of(posed, beside=False) * len(part.nodes) // part.of.nodes + edges
 
@@ -197,12 +197,12 @@ def check_disk(posed: Posed, h: Hamiltonian) -> None:
     memory = total_memory()
     if divided or needed <= 0.7 * memory:
         return
-    found = disk_estimate(posed, h, place)
+    estimate = disk_estimate(posed, h, place)
     warnings.warn(
         f"the arrays take {needed / 2**30:.3g} GiB of {folder}, and the memory is "
-        f"{memory / 2**30:.3g}: where nothing is settled a step takes about {found.step:.2g} s, "
-        f"{found.slowdown:.2g} times as long as in memory (the disk reads "
-        f"{found.reading / 1e9:.2g} GB/s and writes {found.writing / 1e9:.2g})",
+        f"{memory / 2**30:.3g}: where nothing is settled a step takes about {estimate.step:.2g} s, "
+        f"{estimate.slowdown:.2g} times as long as in memory (the disk reads "
+        f"{estimate.reading / 1e9:.2g} GB/s and writes {estimate.writing / 1e9:.2g})",
         SlowWarning,
         stacklevel=2,
     )

@@ -113,13 +113,13 @@ class Checkpoint:
         Raises `SimulationError` for another file than a checkpoint, and for one of another problem.
         """
         remove_left_over(self.path.parent)  # of a process that ended while it wrote
-        found = {p: said for p in (self.path, self._files.path) if (said := self._said(p))}
-        if not found:
+        saved = {p: said for p in (self.path, self._files.path) if (said := self._said(p))}
+        if not saved:
             return Done()
-        path = max(found, key=lambda p: found[p]["done"]["steps"])
+        path = max(saved, key=lambda p: saved[p]["done"]["steps"])
         with readable(path):
-            done = Done(**found[path]["done"])
-        march.each("restore", path.absolute(), found[path].get("then", 0.0))
+            done = Done(**saved[path]["done"])
+        march.each("restore", path.absolute(), saved[path].get("then", 0.0))
         return done
 
     def _said(self, path: Path) -> dict[str, Any] | None:
@@ -130,8 +130,8 @@ class Checkpoint:
             if path == self._files.path:
                 said = self._files.said()
             elif path.is_file():
-                with np.load(path, allow_pickle=False) as kept:
-                    said = json.loads(str(kept["said"]))
+                with np.load(path, allow_pickle=False) as arrays:
+                    said = json.loads(str(arrays["said"]))
             else:
                 raise SimulationError(
                     f"{path} is not a regular file", remedy="choose another for it"
@@ -189,7 +189,7 @@ class Checkpoint:
 def identity(posed: Posed) -> dict[str, str]:
     """All that the numbers of a march depend on, by what a user calls it."""
     system, problem, marching = posed.system, posed.problem, posed.marching
-    found = {
+    facts = {
         "the version of holdfast": __version__,
         "the problem": problem.kind,
         "the horizon": repr(posed.horizon),
@@ -198,26 +198,26 @@ def identity(posed: Posed) -> dict[str, str]:
         "arrival_steps": repr(posed.arrival_steps),
         "what is beyond the grid": posed.beyond or "continued",
     }
-    found |= {f"the axis {a.name}": _text(a) for a in posed.grid.axes}
-    found |= {f"parameter {q.name}": repr(q.value) for q in posed.named}
-    found |= {f"disturbance {n}": _text(v) for n, v in posed.disturbance.items()}
-    found |= {f"the rate of {n}": sp.srepr(r) for n, r in system.rates.items()}
-    found["the bounds of the inputs"] = _text(system.input_bounds)
-    found["the bounds of the disturbances"] = _text(system.disturbance_bounds)
-    found["the players"] = f"{problem.inputs}, {problem.disturbances}"
+    facts |= {f"the axis {a.name}": _text(a) for a in posed.grid.axes}
+    facts |= {f"parameter {q.name}": repr(q.value) for q in posed.named}
+    facts |= {f"disturbance {n}": _text(v) for n, v in posed.disturbance.items()}
+    facts |= {f"the rate of {n}": sp.srepr(r) for n, r in system.rates.items()}
+    facts["the bounds of the inputs"] = _text(system.input_bounds)
+    facts["the bounds of the disturbances"] = _text(system.disturbance_bounds)
+    facts["the players"] = f"{problem.inputs}, {problem.disturbances}"
     for i, region in enumerate(problem.regions):
-        found[f"the {'second ' if i else ''}region"] = f"{region.name}: {sp.srepr(region.margin)}"
-    found |= {
+        facts[f"the {'second ' if i else ''}region"] = f"{region.name}: {sp.srepr(region.margin)}"
+    facts |= {
         name: repr(getattr(marching, name))
         for name in (
             "scheme", "dissipation", "precision", "band", "tolerance", "symmetry", "samples"
         )
     }  # fmt: skip
-    found["order"] = repr(posed.method.order)
-    found["cfl"] = repr(posed.method.cfl)
-    found["the Runge-Kutta method"] = repr(posed.method.steps)
-    found["whether it is filtered"] = repr(posed.filtered)
-    return found
+    facts["order"] = repr(posed.method.order)
+    facts["cfl"] = repr(posed.method.cfl)
+    facts["the Runge-Kutta method"] = repr(posed.method.steps)
+    facts["whether it is filtered"] = repr(posed.filtered)
+    return facts
 
 
 def _text(value: object) -> str:
@@ -439,7 +439,7 @@ def _leads_out(posed: Posed, h: Hamiltonian, number: int, where: float) -> bool:
     nodes = [np.array([where]) if i == number else a.nodes for i, a in enumerate(axes)]
     symbols = [a.state.symbol for a in axes]
     rate = OverGrid([h.value.xreplace(costates)], symbols, posed.parameters, nodes)
-    return any(bool((found > 0).any()) for _, (found,) in rate.parts(0.0))
+    return any(bool((rates > 0).any()) for _, (rates,) in rate.parts(0.0))
 
 
 def _check_growth(largest: float, highest: float, cell: float, time: float) -> None:
@@ -465,8 +465,8 @@ def _result(posed: Posed, arrays: dict[str, Array], report: Report, room: Room) 
     stack = room.empty(len(asked) * grid.nodes, values.dtype).reshape(len(asked), grid.nodes)
     for row, instant in zip(stack, asked, strict=True):  # converged before: it stays as it is
         row[:] = arrays.get(named(instant), values)
-    found = stack.reshape(len(asked), *grid.shape)
-    return to_value_function(grid, found, report, times=asked, arrival=arrival)
+    table = stack.reshape(len(asked), *grid.shape)
+    return to_value_function(grid, table, report, times=asked, arrival=arrival)
 
 
 LOSSES = 3

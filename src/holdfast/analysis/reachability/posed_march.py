@@ -84,13 +84,13 @@ def reflected(posed: Posed, part: Part) -> list[npt.NDArray[np.int64]] | None:
     signs = posed.marching.symmetry
     if signs is None:
         return None
-    found = [
+    places = [
         a.reflected if signs.get(a.name) == -1 else np.arange(a.count, dtype=np.int64)
         for a in posed.grid.axes
     ]
     if not part.whole:
-        found[0] = np.arange(len(part.nodes))
-    return found
+        places[0] = np.arange(len(part.nodes))
+    return places
 
 
 def start_rate(posed: Posed, h: Hamiltonian, part: Part, start: npt.NDArray[Any]) -> float:
@@ -115,9 +115,9 @@ def start_rate(posed: Posed, h: Hamiltonian, part: Part, start: npt.NDArray[Any]
         near = values[max(k - 1, 0) : k + 2]
         slopes, inside = _slopes_of_plane(near, k - max(k - 1, 0), [a.step for a in grid.axes])
         for time in times:
-            for nodes, found in speeds.parts(time, slice(k * plane, (k + 1) * plane)):
+            for nodes, fastest in speeds.parts(time, slice(k * plane, (k + 1) * plane)):
                 here = slice(nodes.start - k * plane, nodes.stop - k * plane)
-                rate = (found * slopes[:, here]).sum(axis=0)[inside[here]]
+                rate = (fastest * slopes[:, here]).sum(axis=0)[inside[here]]
                 largest = max(largest, float(rate.max(initial=0.0)))
     return largest
 
@@ -127,15 +127,15 @@ def _slopes_of_plane(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
     """Of the nodes of a plane among its neighbours: the flatter of the slopes at both sides along
     every axis, flat, and whether a node is in the set or next to it."""
-    own = values[k]
+    plane = values[k]
     around = [values[j] if 0 <= j < len(values) else None for j in (k - 1, k + 1)]
-    inside, slopes = own > 0, np.zeros((len(steps), *own.shape))
+    inside, slopes = plane > 0, np.zeros((len(steps), *plane.shape))
     for other in (v for v in around if v is not None):
         inside = inside | (other > 0)
-    slopes[0] = _flatter([None if v is None else np.abs(own - v) / steps[0] for v in around])
-    positive = own > 0
+    slopes[0] = _flatter([None if v is None else np.abs(plane - v) / steps[0] for v in around])
+    positive = plane > 0
     for i in range(1, len(steps)):
-        rows, to = np.moveaxis(own, i - 1, 0), np.moveaxis(slopes[i], i - 1, 0)
+        rows, to = np.moveaxis(plane, i - 1, 0), np.moveaxis(slopes[i], i - 1, 0)
         change = np.abs(np.diff(rows, axis=0)) / steps[i]
         to[1:-1] = np.minimum(change[1:], change[:-1])
         to[0], to[-1] = change[0], change[-1]

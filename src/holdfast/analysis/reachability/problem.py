@@ -102,14 +102,14 @@ class Marching:
     cluster: Any = None
 
     def __post_init__(self) -> None:
-        for name, known in (
+        for name, choices in (
             ("scheme", tuple(schemes())),
             ("dissipation", DISSIPATIONS),
             ("precision", ("float64", "float32")),
             ("device", DEVICES),
         ):
-            if (value := getattr(self, name)) not in known:
-                raise SimulationError(f"{name}: {value!r}", remedy=suggestion(str(value), known))
+            if (value := getattr(self, name)) not in choices:
+                raise SimulationError(f"{name}: {value!r}", remedy=suggestion(str(value), choices))
         if self.order is not None:
             whole("order: ", self.order, 1, 3)
         number("cfl: ", self.cfl, "a number above 0, at most 1", lambda v: 0 < v <= 1)
@@ -258,18 +258,18 @@ WITHOUT_END = 1e9
 
 def check_given(
     system: System,
-    given: Mapping[str, sp.Expr],
+    disturbance: Mapping[str, sp.Expr],
     numbers: Mapping[sp.Symbol, sp.Float],
     interval: tuple[float, float],
 ) -> None:
     """Refuse a prescribed disturbance that leaves its bounds at any of many times."""
-    which = [d.name in given for d in system.disturbances]
+    which = [d.name in disturbance for d in system.disturbances]
     bounds = section(system.disturbance_bounds, which)
     if bounds is None:
         return
     bounds = bounds.at(numbers)
-    names = [n for n in system.disturbance_names if n in given]
-    values = [given[n].xreplace(dict(numbers)) for n in names]
+    names = [n for n in system.disturbance_names if n in disturbance]
+    values = [disturbance[n].xreplace(dict(numbers)) for n in names]
     moves = any(v.has(TIME) for v in values)
     for time in np.linspace(*interval, LOOKED_AT if moves else 1):
         now = [float(v.subs(TIME, float(time))) for v in values]
@@ -283,15 +283,17 @@ def check_given(
             )
 
 
-def largest_factor(system: System, given: Mapping[str, float | sp.Expr]) -> float:
+def largest_factor(system: System, disturbance: Mapping[str, float | sp.Expr]) -> float:
     """The largest factor that keeps a constant prescribed disturbance within its bounds."""
-    bounds = section(system.disturbance_bounds, [d.name in given for d in system.disturbances])
+    bounds = section(
+        system.disturbance_bounds, [d.name in disturbance for d in system.disturbances]
+    )
     if bounds is None:
         return math.inf
     numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
     bounds = bounds.at(numbers)
-    told = [sp.sympify(given[n]) for n in system.disturbance_names if n in given]
-    values = [float(e.xreplace(numbers)) for e in told]
+    expressions = [sp.sympify(disturbance[n]) for n in system.disturbance_names if n in disturbance]
+    values = [float(e.xreplace(numbers)) for e in expressions]
 
     def allowed(factor: float) -> bool:
         return bounds.contains([factor * v for v in values], 0.0)
@@ -438,10 +440,10 @@ def pose(
         raise SimulationError(
             f"got {grid!r}", expected="a Grid", remedy="make one: hf.grid(system, box, nodes)"
         )
-    given = said = {n: _expression(v) for n, v in disturbance.items()}
+    prescribed = said = {n: _expression(v) for n, v in disturbance.items()}
     if marching.symmetry is None:
-        system, given = _with_names(system, said)
-    moved = with_disturbance(system, given)
+        system, prescribed = _with_names(system, said)
+    moved = with_disturbance(system, prescribed)
     if problem.backwards:
         moved = replace(moved, rates={n: -r for n, r in moved.rates.items()}, pfaffian=())
     for region in problem.regions:
@@ -453,9 +455,9 @@ def pose(
             expected="the states " + ", ".join(moved.state_names),
         )
     check_counts(grid, marching.scheme)
-    known = merge_parameters(moved.parameters, *(r.parameters for r in problem.regions))
-    known = _given(known, parameters)
-    numbers = {q.symbol: sp.Float(q.value) for q in known}
+    declared = merge_parameters(moved.parameters, *(r.parameters for r in problem.regions))
+    declared = _given(declared, parameters)
+    numbers = {q.symbol: sp.Float(q.value) for q in declared}
     bounds = {
         f"{what}_bounds": b.at(numbers)  # refused here, where they contradict themselves
         for what in ("input", "disturbance")
@@ -465,7 +467,7 @@ def pose(
     if marching.symmetry is not None:
         moved = replace(moved, **bounds)
     posed = Posed(
-        moved, problem, grid, horizon, marching, known, said, tuple(asked),
+        moved, problem, grid, horizon, marching, declared, said, tuple(asked),
         times is not None, 0, "", start_time,
     )  # fmt: skip
     if arrival_steps is not None:
@@ -639,27 +641,31 @@ def _digest(said: list[object]) -> str:
     return hashlib.sha256(repr(said).encode()).hexdigest()[:16]
 
 
-def with_disturbance(system: System, given: Mapping[str, float | sp.Expr]) -> System:
+def with_disturbance(system: System, disturbance: Mapping[str, float | sp.Expr]) -> System:
     """The system with what some of its disturbances are; those of one ball go together.
 
     They are numbers, or expressions of time and the system's parameters.
     """
-    if not given:
+    if not disturbance:
         return system
-    known = {TIME, *(q.symbol for q in system.parameters)}
-    for name, value in given.items():
+    allowed = {TIME, *(q.symbol for q in system.parameters)}
+    for name, value in disturbance.items():
         if name not in system.disturbance_names:
             raise SimulationError(
                 f"system '{system.name}' has no disturbance '{name}'",
                 remedy=suggestion(name, system.disturbance_names),
             )
-        if unknown := _expression(value).free_symbols - known:
+        if unknown := _expression(value).free_symbols - allowed:
             raise SimulationError(
                 f"disturbance '{name}' uses '{min(map(str, unknown))}'",
                 expected="a number, or an expression of t and parameters of the system",
             )
-    values = {d.symbol: _expression(given[d.name]) for d in system.disturbances if d.name in given}
-    left = tuple(d for d in system.disturbances if d.name not in given)
+    values = {
+        d.symbol: _expression(disturbance[d.name])
+        for d in system.disturbances
+        if d.name in disturbance
+    }
+    left = tuple(d for d in system.disturbances if d.name not in disturbance)
     return replace(
         system,
         rates={n: r.xreplace(values) for n, r in system.rates.items()},
@@ -671,15 +677,17 @@ def with_disturbance(system: System, given: Mapping[str, float | sp.Expr]) -> Sy
     )
 
 
-def _with_names(system: System, given: Mapping[str, sp.Expr]) -> tuple[System, dict[str, sp.Expr]]:
+def _with_names(
+    system: System, disturbance: Mapping[str, sp.Expr]
+) -> tuple[System, dict[str, sp.Expr]]:
     """Disturbances that are given as numbers, by parameters of the system with their values."""
     held = tuple(
-        Parameter(f"{GIVEN}{d.name}", d.unit, value=float(given[d.name]))
+        Parameter(f"{GIVEN}{d.name}", d.unit, value=float(disturbance[d.name]))
         for d in system.disturbances
-        if d.name in given and given[d.name].is_number
+        if d.name in disturbance and disturbance[d.name].is_number
     )
     names = {q.name.removeprefix(GIVEN): q.symbol for q in held}
-    return replace(system, parameters=(*system.parameters, *held)), {**given, **names}
+    return replace(system, parameters=(*system.parameters, *held)), {**disturbance, **names}
 
 
 def _expression(value: float | sp.Expr) -> sp.Expr:
@@ -688,12 +696,12 @@ def _expression(value: float | sp.Expr) -> sp.Expr:
     return sp.Float(number("a disturbance is given as ", value, "a finite number", math.isfinite))
 
 
-def _given(known: tuple[Parameter, ...], values: Mapping[str, float]) -> tuple[Parameter, ...]:
-    names = [q.name for q in known]
+def _given(parameters: tuple[Parameter, ...], values: Mapping[str, float]) -> tuple[Parameter, ...]:
+    names = [q.name for q in parameters]
     for name in values:
         if name not in names:
             raise SimulationError(f"no parameter '{name}'", remedy=suggestion(name, names))
     return tuple(
         replace(q, value=number(f"parameter '{q.name}' is ", v, "a finite number", math.isfinite))
-        for q, v in ((q, values.get(q.name, q.value)) for q in known)
+        for q, v in ((q, values.get(q.name, q.value)) for q in parameters)
     )

@@ -60,7 +60,7 @@ def coarser(posed: Posed, count: int) -> list[Posed]:
     Raises `SimulationError` where the cells along an axis are not a multiple of 2 (of 4), so that
     the grids would have no nodes in common, or where a grid is too coarse for the scheme.
     """
-    found: list[Posed] = []
+    problems: list[Posed] = []
     for k in range(1, count + 1):
         grid = Grid(tuple(_thinned(a, 2**k) for a in posed.grid.axes))
         try:
@@ -71,8 +71,8 @@ def coarser(posed: Posed, count: int) -> list[Posed]:
                 expected=error.expected,
                 remedy="take more nodes, or leave out estimate_error",
             ) from None
-        found.append(replace(posed.aside(f"coarse{k}"), grid=grid))
-    return found
+        problems.append(replace(posed.aside(f"coarse{k}"), grid=grid))
+    return problems
 
 
 def _thinned(axis: Axis, factor: int) -> Axis:
@@ -88,8 +88,8 @@ def _thinned(axis: Axis, factor: int) -> Axis:
     return replace(axis, count=cells // factor + last)
 
 
-def with_error(found: ValueFunction, coarse: Sequence[ValueFunction]) -> ValueFunction:
-    """`found`, on cells of size h, with an estimate of its error from those of 2 h (and 4 h).
+def with_error(value: ValueFunction, coarse: Sequence[ValueFunction]) -> ValueFunction:
+    """`value`, on cells of size h, with an estimate of its error from those of 2 h (and 4 h).
 
     With a scheme of order p the error of V_h is (V_h - V_2h) / (2^p - 1), to first order (L. F.
     Richardson, 1911). The boundaries of the sets have corners, where every scheme falls back: p is
@@ -108,8 +108,8 @@ def with_error(found: ValueFunction, coarse: Sequence[ValueFunction]) -> ValueFu
                         jumps, the distance of the boundaries (`inner_set`)
     volume_coarse       the volume on 2 h, to be compared with `volume`
     """
-    thin = tuple(slice(None, None, 2) for _ in found.grid.axes)
-    fine = found.values()
+    thin = tuple(slice(None, None, 2) for _ in value.grid.axes)
+    fine = value.values()
     apart = fine[thin] - coarse[0].values()
     near = _near(fine[thin], coarse[0])
     order = 1.0
@@ -126,7 +126,7 @@ def with_error(found: ValueFunction, coarse: Sequence[ValueFunction]) -> ValueFu
         slopes += np.moveaxis(_steeper(rows)[::2] ** 2, 0, i)
     with np.errstate(divide="ignore", invalid="ignore"):
         cells = np.where(error > 0, error / np.sqrt(slopes[near]), 0.0)
-    return found.reported(
+    return value.reported(
         error_order=order,
         error_largest=float(error.max()),
         error_rms=_rms(error),
@@ -154,9 +154,9 @@ def _rms(values: Array) -> float:
 
 
 def with_outside(
-    found: ValueFunction, posed: Posed, march: Callable[[Posed], ValueFunction]
+    value: ValueFunction, posed: Posed, march: Callable[[Posed], ValueFunction]
 ) -> ValueFunction:
-    """`found`, with the nodes whose side depends on extrapolation beyond the grid.
+    """`value`, with the nodes whose side depends on extrapolation beyond the grid.
 
     There the value is continued, which is a guess. So the problem is solved twice more, as if
     whoever leaves the grid had lost, and as if they had won:
@@ -174,7 +174,7 @@ def with_outside(
     Attributes: nodes_from_outside and nodes_kept_outside count the two, share_from_outside is
     the part of the set's nodes.
     """
-    values = found.values().ravel()
+    values = value.values().ravel()
     side = np.zeros(len(values), np.int8)
     parts = [slice(k, k + TOGETHER) for k in range(0, len(values), TOGETHER)]
     for what, within, mark in (("lost", True, 1), ("won", False, -1)):
@@ -184,10 +184,10 @@ def with_outside(
     inside = sum(int((values[k] > 0).sum()) for k in parts)
     gained, missed = (sum(int((side[k] == m).sum()) for k in parts) for m in (1, -1))
     text = "1 in the set by what is outside the grid, -1 not in it by what is outside, 0 sure"
-    names = [a.name for a in found.grid.axes]
-    marks = side.reshape(found.grid.shape)
-    dataset = found.dataset.assign(outside=(names, marks, {"units": "1", "long_name": text}))
-    return replace(found, dataset=dataset).reported(
+    names = [a.name for a in value.grid.axes]
+    marks = side.reshape(value.grid.shape)
+    dataset = value.dataset.assign(outside=(names, marks, {"units": "1", "long_name": text}))
+    return replace(value, dataset=dataset).reported(
         nodes_from_outside=gained,
         share_from_outside=gained / max(inside, 1),
         nodes_kept_outside=missed,
@@ -268,18 +268,18 @@ def solve(
     grids = {False: 0, True: 1, "order": 2}[marching.estimate_error]
     further = coarser(posed, grids)  # refused before the march, if it cannot be
     start = _begun(posed, begin, until)
-    found = marched_to_rest(posed, progress, start, until)
+    value = marched_to_rest(posed, progress, start, until)
     if further:
         sharp = problem.limit == "shrink" and not marching.first_order
         march = marched if sharp else marched_to_rest
         rougher = [march(other) for other in further]
-        found = with_error_in_cells(with_error(found, rougher), rougher[0])
+        value = with_error_in_cells(with_error(value, rougher), rougher[0])
     if marching.check_outside:
-        found = with_outside(found, posed, marched_to_rest)
+        value = with_outside(value, posed, marched_to_rest)
     if progress is not None:
         progress(1.0)  # a march that comes to rest has not gone the whole way
-    found = found.reported(definition=definition(system))
-    return replace(found, claim=_claim(problem))
+    value = value.reported(definition=definition(system))
+    return replace(value, claim=_claim(problem))
 
 
 def _claim(problem: Problem) -> Claim:
@@ -320,7 +320,7 @@ def _begun(
             expected='scheme="upwind" with local-local dissipation and steps of order 1, and no '
             "input in a ball that moves several states",
         )
-    known = begin.report
+    report = begin.report
     here = {
         "kind": posed.problem.kind,
         "system": posed.system.name,
@@ -328,9 +328,9 @@ def _begun(
         "converged": True,
     }
     for name, value in here.items():
-        if getattr(known, name) != value:
+        if getattr(report, name) != value:
             raise SimulationError(
-                f"the value to begin with has {name} = {getattr(known, name)}", expected=str(value)
+                f"the value to begin with has {name} = {getattr(report, name)}", expected=str(value)
             )
     axes = [
         [(a.name, a.low, a.high, a.count, a.ends) for a in g.axes] for g in (begin.grid, posed.grid)
@@ -381,9 +381,9 @@ def viability_kernel(
 
 def _undecided(system: System, options: Mapping[str, Any]) -> bool:
     """Whether some disturbance is left that is not given."""
-    given = options.get("disturbance")
-    known = {} if given is None else by_name("disturbance", given, '{"d": 0.1}')
-    return bool(set(system.disturbance_names) - set(known))
+    disturbance = options.get("disturbance")
+    prescribed = {} if disturbance is None else by_name("disturbance", disturbance, '{"d": 0.1}')
+    return bool(set(system.disturbance_names) - set(prescribed))
 
 
 @checked
@@ -455,7 +455,7 @@ def backward_reachable_at(
     return solve(system, problem, grid, horizon, **options)
 
 
-def backward_reachable_set(*given: Any, **options: Any) -> ValueFunction:
+def backward_reachable_set(*arguments: Any, **options: Any) -> ValueFunction:
     """The former name of `backward_reachable_tube`; it warns, and goes with the next release."""
     warnings.warn(
         "backward_reachable_set is now backward_reachable_tube; the set at exactly the horizon is "
@@ -463,7 +463,7 @@ def backward_reachable_set(*given: Any, **options: Any) -> ValueFunction:
         RenamedWarning,
         stacklevel=2,
     )
-    return backward_reachable_tube(*given, **options)
+    return backward_reachable_tube(*arguments, **options)
 
 
 @checked
@@ -716,8 +716,8 @@ class Kept:
         values = value.values()
         if not self.asked:
             return float(values.max())
-        found = np.concatenate([value.at(self.states), values[self.nodes]])
-        return float(found.min())
+        at_asked = np.concatenate([value.at(self.states), values[self.nodes]])
+        return float(at_asked.min())
 
     def lost(self, value: ValueFunction) -> bool:
         return not self.least(value) > 0

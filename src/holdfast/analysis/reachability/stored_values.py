@@ -48,8 +48,8 @@ class Stamp:
         return cls.of_status(path.stat())
 
     @classmethod
-    def of_status(cls, found: os.stat_result) -> Stamp:
-        return cls(found.st_size, found.st_mtime_ns)
+    def of_status(cls, status: os.stat_result) -> Stamp:
+        return cls(status.st_size, status.st_mtime_ns)
 
 
 class _File:
@@ -141,13 +141,13 @@ class StoredValues:
         out = np.empty([len(a) for a in along], self.dtype)
         touched = [np.unique(a // c) for a, c in zip(along, self.chunks, strict=True)]
         for place in product(*touched):
-            own = [
+            positions = [
                 np.flatnonzero(a // c == k)
                 for a, c, k in zip(along, self.chunks, place, strict=True)
             ]
-            inside = [a[o] % c for a, o, c in zip(along, own, self.chunks, strict=True)]
+            inside = [a[o] % c for a, o, c in zip(along, positions, self.chunks, strict=True)]
             chunk = self._chunk(tuple(int(k) for k in place))
-            out[np.ix_(*own)] = chunk[np.ix_(*inside)]
+            out[np.ix_(*positions)] = chunk[np.ix_(*inside)]
         whole = (isinstance(k, int | np.integer) for k in key)
         return out[tuple(0 if w else slice(None) for w in whole)]
 
@@ -159,8 +159,8 @@ class StoredValues:
         numbers = np.ravel_multi_index(tuple((places // chunks).T), counts)
         out = np.empty(len(nodes), self.dtype)
         order = np.argsort(numbers, kind="stable")
-        found, first = np.unique(numbers[order], return_index=True)
-        for number, rows in zip(found, np.split(order, first[1:]), strict=True):
+        touched, first = np.unique(numbers[order], return_index=True)
+        for number, rows in zip(touched, np.split(order, first[1:]), strict=True):
             place = np.unravel_index(int(number), counts)
             chunk = self._chunk(tuple(int(k) for k in place))
             out[rows] = chunk[tuple((places[rows] % chunks).T)]
@@ -172,8 +172,8 @@ class StoredValues:
         return self._from_file((*first, *(slice(0, n) for n in rest)))
 
     def _chunk(self, place: tuple[int, ...]) -> AnyArray:
-        found = self._known(place)
-        return _read(lambda: self._kept_from(place)) if found is None else found
+        cached = self._known(place)
+        return _read(lambda: self._kept_from(place)) if cached is None else cached
 
     def _known(self, place: tuple[int, ...]) -> AnyArray | None:
         with self._lock:
@@ -183,8 +183,8 @@ class StoredValues:
 
     def _kept_from(self, place: tuple[int, ...]) -> AnyArray:
         """A chunk that no other thread reads now, and one may have read just before."""
-        if (found := self._known(place)) is not None:
-            return found
+        if (cached := self._known(place)) is not None:
+            return cached
         key = tuple(
             slice(k * c, min((k + 1) * c, n))
             for k, c, n in zip(place, self.chunks, self.shape, strict=True)
@@ -199,7 +199,7 @@ class StoredValues:
 
     def _from_file(self, key: tuple[Key, ...]) -> AnyArray:
         try:
-            found: AnyArray = _read(lambda: np.asarray(self._variable[key], self.dtype))
+            entries: AnyArray = _read(lambda: np.asarray(self._variable[key], self.dtype))
         except (RuntimeError, OSError, MemoryError) as error:
             self._check_same(self._file)
             raise OutputError(
@@ -208,8 +208,8 @@ class StoredValues:
             ) from None
         self._check_same(self._file)
         self.chunks_read += 1
-        self.bytes_read += found.nbytes
-        return found
+        self.bytes_read += entries.nbytes
+        return entries
 
 
 class _InXarray(xr.backends.BackendArray):

@@ -151,10 +151,10 @@ def grid_of(dataset: xr.Dataset) -> Grid:
 
 
 def number_of_time(data: xr.DataArray, time: float) -> int:
-    known = data["time"].values
-    k = int(np.argmin(np.abs(known - time)))
-    if not abs(known[k] - time) <= 1e-9 * float(np.abs(known).max()):
-        shown = ", ".join(f"{t:g}" for t in known)
+    times = data["time"].values
+    k = int(np.argmin(np.abs(times - time)))
+    if not abs(times[k] - time) <= 1e-9 * float(np.abs(times).max()):
+        shown = ", ".join(f"{t:g}" for t in times)
         raise SimulationError(f"no value at {time:g} s", expected=f"one of {shown}")
     return k
 
@@ -249,8 +249,8 @@ ORDERS = {"upwind": 1, "eno2": 2, "eno3": 3, "weno5": 5}
 Truths = npt.NDArray[np.bool_]
 
 
-def with_error_in_cells(found: ValueFunction, coarse: ValueFunction) -> ValueFunction:
-    """`found`, on cells of size h, with the error of its boundary, from the set on cells of 2 h.
+def with_error_in_cells(value: ValueFunction, coarse: ValueFunction) -> ValueFunction:
+    """`value`, on cells of size h, with the error of its boundary, from the set on cells of 2 h.
 
     The distance of the two boundaries is, in cells,
 
@@ -270,18 +270,18 @@ def with_error_in_cells(found: ValueFunction, coarse: ValueFunction) -> ValueFun
     boundary_error: the same along every axis, in its unit. error_cells is `error_reach` where V
     jumps: there the difference of two values says nothing about places.
     """
-    periodic = [a.ends == "periodic" for a in found.grid.axes]
-    fine, rough = found.values(), between(coarse.values(), periodic)
+    periodic = [a.ends == "periodic" for a in value.grid.axes]
+    fine, rough = value.values(), between(coarse.values(), periodic)
     jumps = _jumps(fine, coarse.values(), periodic)
     apart = _distance(fine, rough, periodic)
     if jumps:
-        order = ORDERS[found.report.scheme]
+        order = ORDERS[value.report.scheme]
         apart = apart / (2.0 ** (order / (order + 1)) - 1.0) + 1.0
     reach = max(1, math.ceil(apart)) if apart <= MOST_CELLS else 0
-    lengths = {a.name: reach * a.step for a in found.grid.axes} if reach else {}
+    lengths = {a.name: reach * a.step for a in value.grid.axes} if reach else {}
     if jumps:
-        found = found.reported(error_cells=float(reach) if reach else None)
-    return found.reported(error_reach=reach, jumps=jumps, boundary_error=lengths)
+        value = value.reported(error_cells=float(reach) if reach else None)
+    return value.reported(error_reach=reach, jumps=jumps, boundary_error=lengths)
 
 
 def _distance(values: Array, other: Array, periodic: Sequence[bool]) -> float:
@@ -295,18 +295,18 @@ def _distance(values: Array, other: Array, periodic: Sequence[bool]) -> float:
 
 def _depths(values: Array, periodic: Sequence[bool], near: Truths) -> Array:
     """How many cells these nodes are inside, below 0 outside; NaN beyond `MOST_CELLS`."""
-    found = np.full(int(near.sum()), np.nan)
+    depths = np.full(int(near.sum()), np.nan)
     low = high = values
     for cells in range(MOST_CELLS + 1):
         lower, higher = _spread(low, periodic, np.minimum), _spread(high, periodic, np.maximum)
         for side, inner, outer in ((1.0, low, lower), (-1.0, high, higher)):
             a, b = inner[near], outer[near]
-            crossed = np.isnan(found) & ((a > 0) != (b > 0))
-            found[crossed] = side * (cells + a[crossed] / (a[crossed] - b[crossed]))
-        if not np.isnan(found).any():
+            crossed = np.isnan(depths) & ((a > 0) != (b > 0))
+            depths[crossed] = side * (cells + a[crossed] / (a[crossed] - b[crossed]))
+        if not np.isnan(depths).any():
             break
         low, high = lower, higher
-    return found
+    return depths
 
 
 def between(rough: Array, periodic: Sequence[bool]) -> Array:
@@ -314,9 +314,9 @@ def between(rough: Array, periodic: Sequence[bool]) -> Array:
     for i, around in enumerate(periodic):
         rows = np.moveaxis(rough, i, 0)
         after = np.roll(rows, -1, axis=0) if around else rows[1:]
-        found = np.empty((len(rows) + len(after), *rows.shape[1:]), dtype=rows.dtype)
-        found[::2], found[1::2] = rows, (rows[: len(after)] + after) / 2
-        rough = np.moveaxis(found, 0, i)
+        fine = np.empty((len(rows) + len(after), *rows.shape[1:]), dtype=rows.dtype)
+        fine[::2], fine[1::2] = rows, (rows[: len(after)] + after) / 2
+        rough = np.moveaxis(fine, 0, i)
     return rough
 
 
@@ -459,8 +459,8 @@ class ValueFunction:
         data = data if number is None else data.isel(time=number)
         if self.stored is not None:
             self._check_room(data.size * data.dtype.itemsize)
-        found: DoubleArray = data.values
-        return found
+        table: DoubleArray = data.values
+        return table
 
     def highest(self, time: float | None = None) -> float:
         """The largest value at the nodes, at the end or at one of the requested times.
@@ -501,9 +501,9 @@ class ValueFunction:
                 remedy="or compute them: arrival_steps=100",
             )
         points, geometry = self._points(states), self._geometry()
-        found, share = (values_at(t, points, geometry) for t in self._arrivals())
-        known = (self.at(points) > 0) & (share > 0)
-        return np.where(known, found / np.where(known, share, 1.0), np.nan)
+        weighted, share = (values_at(t, points, geometry) for t in self._arrivals())
+        reached = (self.at(points) > 0) & (share > 0)
+        return np.where(reached, weighted / np.where(reached, share, 1.0), np.nan)
 
     @checked
     def contains(
@@ -534,12 +534,12 @@ class ValueFunction:
         NaN if the set is empty.
         """
         table = self.values(time)
-        found = {}
+        intervals = {}
         for i, axis in enumerate(self.grid.axes):
             best = table.max(axis=tuple(k for k in range(table.ndim) if k != i))
             inside = np.flatnonzero(best > 0)
             if not len(inside):
-                found[axis.name] = (math.nan, math.nan)
+                intervals[axis.name] = (math.nan, math.nan)
                 continue
             ends = []
             for at, out in ((int(inside[0]), -1), (int(inside[-1]), 1)):
@@ -547,8 +547,8 @@ class ValueFunction:
                 if 0 <= at + out < axis.count:
                     place += out * float(best[at] / (best[at] - best[at + out]))
                 ends.append(axis.low + axis.step * place)
-            found[axis.name] = (ends[0], ends[1])
-        return found
+            intervals[axis.name] = (ends[0], ends[1])
+        return intervals
 
     def inner(self) -> ValueFunction:
         """The set eroded by its estimated error in cells; needs `estimate_error` of the march."""
@@ -659,8 +659,8 @@ class ValueFunction:
         """The values of all times, or of the last, in one row: a table of its own for a law."""
         if self.stored is not None:
             return self.stored.of_law(None if all_times else self._number(None))
-        found = self.dataset["value"].values if all_times else self.values()
-        return np.ascontiguousarray(found).ravel()
+        table = self.dataset["value"].values if all_times else self.values()
+        return np.ascontiguousarray(table).ravel()
 
     def _arrivals(self) -> list[AnyArray | TableInParts]:
         """The times of arrival, 0 where there is none, and 1 where there is one."""

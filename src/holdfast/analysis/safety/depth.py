@@ -96,9 +96,9 @@ def outer_states(
         cells += len(between[-1])
         if cells >= runs and total - deep - cells >= runs:
             break
-    found = [np.vstack(some)[:runs] for some in (between, edge)]
+    layers = [np.vstack(some)[:runs] for some in (between, edge)]
     rest = total - deep - cells
-    return Outer(deep / total, cells / total, rest / total, found[0], found[1])
+    return Outer(deep / total, cells / total, rest / total, layers[0], layers[1])
 
 
 def _deep(
@@ -122,14 +122,14 @@ def outside_states(
     """Random states of the region outside the set, or None if the set covers the region."""
     numbers = value.values()
     symbols = [q.symbol for q in system.states]
-    kept = None if region is None else Evaluator([region.margin], symbols, region.parameters)
+    constraints = None if region is None else Evaluator([region.margin], symbols, region.parameters)
 
     def wanted(states: Array) -> Any:
         if margin is None:
             there = a_cell_inside(value, states, sign=-1)
         else:
             there = value.at(states) < -margin
-        return there if kept is None else there & (kept.values(states)[:, 0] > 0)
+        return there if constraints is None else there & (constraints.values(states)[:, 0] > 0)
 
     without = Places(lambda k: numbers[k] < -(margin or 0.0), numbers.shape)
     return _drawn(value, generator, runs, wanted, without)
@@ -143,7 +143,7 @@ def a_cell_inside(
     The criterion uses the local change of V between neighbours, not its unit. Beyond the end of a
     "limited" axis no states exist; beyond other ends no state counts as inside.
     """
-    found: npt.NDArray[np.bool_] = sign * value.at(states) > above
+    inside: npt.NDArray[np.bool_] = sign * value.at(states) > above
     for i, axis in enumerate(value.grid.axes):
         for step in (-axis.step, axis.step):
             moved = states.copy()
@@ -151,8 +151,8 @@ def a_cell_inside(
             if axis.ends == "limited" or (sign < 0 and axis.ends != "periodic"):
                 moved[:, i] = np.clip(moved[:, i], axis.low, axis.high)
             with np.errstate(invalid="ignore"):
-                found &= sign * value.at(moved) > above
-    return found
+                inside &= sign * value.at(moved) > above
+    return inside
 
 
 def highest_within(value: ValueFunction, lengths: Array) -> float:
@@ -177,7 +177,7 @@ def _drawn(
     if not len(nodes):
         return None
     axes = value.grid.axes
-    found: list[Array] = []
+    accepted: list[Array] = []
     have = 0
     for batch in range(DRAWS):
         if batch == EMPTY_DRAWS and not have:
@@ -192,8 +192,8 @@ def _drawn(
         )
         with np.errstate(invalid="ignore"):
             points = points[wanted(points)]
-        found.append(points)
+        accepted.append(points)
         have += len(points)
         if have >= count:
-            return np.vstack(found)[:count]
+            return np.vstack(accepted)[:count]
     return None

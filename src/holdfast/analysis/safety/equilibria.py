@@ -113,8 +113,8 @@ class Search:
         self.felt = Evaluator(felt, names, parameters)
         self._last: tuple[bytes, Values] | None = None
 
-    def _box(self, given: Mapping[str, tuple[float, float]]) -> Array:
-        for name, ends in given.items():
+    def _box(self, box: Mapping[str, tuple[float, float]]) -> Array:
+        for name, ends in box.items():
             if name not in self.system.state_names:
                 raise DefinitionError(
                     f"box: '{name}' is not a state of system '{self.system.name}'",
@@ -123,23 +123,23 @@ class Search:
             if not (len(ends) == 2 and -math.inf < ends[0] <= ends[1] < math.inf):
                 raise DefinitionError(f"box: {name} = {ends}", expected="(lowest, highest)")
         usual = {q.name: math.pi if q.angle else 1.0 for q in self.system.states}
-        return np.array([given.get(n, (-half, half)) for n, half in usual.items()], dtype=float)
+        return np.array([box.get(n, (-half, half)) for n, half in usual.items()], dtype=float)
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """A, b of A u <= b."""
         numbers = {p.symbol: p.value for p in self.system.parameters}
-        given = self.system.input_bounds
-        rows = [] if given is None else given.at(numbers).half_spaces()
+        input_bounds = self.system.input_bounds
+        rows = [] if input_bounds is None else input_bounds.at(numbers).half_spaces()
         a = np.array([[float(e) for e in normal] for normal, _ in rows]).reshape(-1, self.inputs)
         return a, np.array([float(limit) for _, limit in rows])
 
     def of_points(self, points: Array, d: Array) -> Values:
         """f, c and their slopes along (q, u) at points (q, u), a row for each."""
         n, m = self.count
-        found = self.evaluator.values(np.hstack([points, np.tile(d, (len(points), 1))]))
-        slopes = found[:, n + m :].reshape(len(points), n + m, self.states + self.inputs)
-        return found[:, :n], found[:, n : n + m], slopes[:, :n], slopes[:, n:]
+        values = self.evaluator.values(np.hstack([points, np.tile(d, (len(points), 1))]))
+        slopes = values[:, n + m :].reshape(len(points), n + m, self.states + self.inputs)
+        return values[:, :n], values[:, n : n + m], slopes[:, :n], slopes[:, n:]
 
     def values(self, z: Array, d: Array) -> Values:
         """The same at z = (q, u, t); the solver asks for each in turn."""
@@ -193,16 +193,16 @@ class Search:
             still = (np.abs(f).max(axis=1) <= EXACT) & (c.max(axis=1) < -CLEAR) & (beyond <= EXACT)
         return bool(still.any())
 
-    def solve(self, disturbance: Mapping[str, float], known: list[Array]) -> RestingState:
+    def solve(self, disturbance: Mapping[str, float], guesses: list[Array]) -> RestingState:
         """The best within the bounds, else the one that only the bounds of the inputs forbid."""
-        best = self._best(disturbance, known, bounded=True)
+        best = self._best(disturbance, guesses, bounded=True)
         if best.exists or best.missing == UNBOUNDED or not len(self.bounds[1]):
             return best
-        free = self._best(disturbance, known, bounded=False)
+        free = self._best(disturbance, guesses, bounded=False)
         return free if free.residual <= EXACT and free.margin > EXACT else best
 
     def _best(
-        self, disturbance: Mapping[str, float], known: list[Array], *, bounded: bool
+        self, disturbance: Mapping[str, float], guesses: list[Array], *, bounded: bool
     ) -> RestingState:
         from scipy.optimize import minimize  # half a second, which `surely_held` does without
 
@@ -239,7 +239,7 @@ class Search:
             )  # fmt: skip
 
         best: RestingState | None = None
-        for begin in [*known, *self._begin(width)]:
+        for begin in [*guesses, *self._begin(width)]:
             with np.errstate(all="ignore"), warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of steps that do not count
                 begin, rows = self._at_rest(begin, d)
@@ -252,9 +252,9 @@ class Search:
                     )  # fmt: skip
             if not np.isfinite(answer.x).all():
                 continue
-            found = self._judged(answer.x, d, ended=answer.nit < STEPS)
-            if best is None or _rank(found) > _rank(best):
-                best = found
+            resting = self._judged(answer.x, d, ended=answer.nit < STEPS)
+            if best is None or _rank(resting) > _rank(best):
+                best = resting
         if best is None:
             raise DefinitionError(
                 f"the rates of system '{self.system.name}' have no value at any start",
@@ -334,11 +334,11 @@ class Search:
         )
 
 
-def _rank(found: RestingState) -> tuple[bool, float, float]:
+def _rank(resting: RestingState) -> tuple[bool, float, float]:
     """Those at rest inside by their margin, the others by how nearly they are at rest."""
-    if found.exists or found.missing == UNBOUNDED:
-        return True, found.margin, 0.0
-    return False, -max(found.residual, EXACT), found.margin
+    if resting.exists or resting.missing == UNBOUNDED:
+        return True, resting.margin, 0.0
+    return False, -max(resting.residual, EXACT), resting.margin
 
 
 STARTS = 16
@@ -400,24 +400,24 @@ def resting_directions(
     if not count >= 1:
         raise DefinitionError(f"count is {count}", expected="at least 1")
     search = Search(system, region, box, starts, seed)
-    found: list[RestingState] = []
+    answers: list[RestingState] = []
     last: list[Array] = []
     for theta in 2 * math.pi * np.arange(count) / count:
         d = {names[0]: speed * math.cos(theta), names[1]: speed * math.sin(theta)}
-        found.append(search.solve(d, last))
-        if found[-1].exists:
-            values = [*found[-1].state.values(), *found[-1].inputs.values(), found[-1].margin]
+        answers.append(search.solve(d, last))
+        if answers[-1].exists:
+            values = [*answers[-1].state.values(), *answers[-1].inputs.values(), answers[-1].margin]
             last = [np.array(values)]
-    return tuple(found)
+    return tuple(answers)
 
 
 def _disturbance(
-    system: System, given: Mapping[str, float | sp.Expr] | None
+    system: System, disturbance: Mapping[str, float | sp.Expr] | None
 ) -> tuple[dict[str, sp.Expr], dict[str, float]]:
     """The disturbances that are fields, and the numbers of all, 0 for a field."""
     field: dict[str, sp.Expr] = {}
     numbers = dict.fromkeys(system.disturbance_names, 0.0)
-    for name, value in (given or {}).items():
+    for name, value in (disturbance or {}).items():
         if name not in numbers:
             raise DefinitionError(
                 f"'{name}' is not a disturbance of system '{system.name}'",

@@ -81,18 +81,18 @@ def corners_of(
             remedy="give the draws that do not matter one value",
         )
     places = [[]] if not names else _places(ends, seed)
-    of, known, real = [], [], []
+    of, of_law, real = [], [], []
     for place in places:
         drawn = dict(zip(names, place, strict=True))
         numbers = {symbol(n): v for n, v in {**parameters, **drawn}.items()}
         for name, expression in varied.values.items():
             (numbers[symbol(name)],) = evaluated([expression], numbers)
-        own = {symbol(n): numbers[symbol(n)] for n in varied.names if n not in varied.cases}
+        law_values = {symbol(n): numbers[symbol(n)] for n in varied.names if n not in varied.cases}
         of.append(drawn)
-        known.append(own)
+        of_law.append(law_values)
         figures = dict(zip(varied.plant, evaluated(varied.plant.values(), numbers), strict=True))
-        real.append(own | {symbol(n): v for n, v in {**plant, **figures}.items()})
-    return Corners(tuple(of), tuple(known), tuple(real))
+        real.append(law_values | {symbol(n): v for n, v in {**plant, **figures}.items()})
+    return Corners(tuple(of), tuple(of_law), tuple(real))
 
 
 def _places(ends: Sequence[tuple[float, float]], seed: int) -> list[list[float]]:

@@ -137,7 +137,7 @@ def kept_law(
     """As `safety_law`. predicts: whether the law may predict the state over a delay."""
     patience = patience_of(ahead)
     _check_delay(delay)
-    known = decided(system, value)
+    model = decided(system, value)
     check_not_empty(value)
     lookup = lookup_of(value)
     number("sample_time is ", sample_time, "seconds, above 0", lambda v: 0 < v < math.inf)
@@ -150,7 +150,7 @@ def kept_law(
     looks_ahead = patience and not lookup.timed and not (law is None and kind in REACHED)
     predicted = None
     if looks_ahead and delay and predicts:
-        predicted = prediction(known, sample_time, delay)
+        predicted = prediction(model, sample_time, delay)
     pace = _pace(rate, sample_time, 0.0 if predicted else delay)
     if margin is not None:
         number("margin is ", margin, "0 or more: below 0 is outside", lambda v: 0 <= v < math.inf)
@@ -165,7 +165,7 @@ def kept_law(
     game, late, little = None, 0.0, LEVELS[0] * (value.report.cell or 1.0)
     deep = max(margin - little, 0.0) if margin is not None else 0.0
     if predicted:
-        game = sampled_value(known, value, sample_time, errors, deep, 0.0, patience, delay)
+        game = sampled_value(model, value, sample_time, errors, deep, 0.0, patience, delay)
         if margin is None and game is not None and not game.stays:
             raise SimulationError(
                 f"inputs that are held for {sample_time:g} s, from what is {delay:g} s old, "
@@ -176,7 +176,7 @@ def kept_law(
         predicted, pace = None, _pace(rate, sample_time, delay)
         late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
         above = late if margin is None else deep
-        game = sampled_value(known, value, sample_time, errors, above, late, patience)
+        game = sampled_value(model, value, sample_time, errors, above, late, patience)
     if law is None and game is not None and not game.stays and margin is None:
         game = None
     if law is None and game is None:
@@ -185,13 +185,13 @@ def kept_law(
                 "the optimal inputs have no margin where no sampled game is solved",
                 remedy="give a law, or leave the margin out",
             )
-        return Kept(optimal_law(known, lookup))
+        return Kept(optimal_law(model, lookup))
     if game is not None:
         stays = game.stays or margin is not None
         if margin is None:
             margin = game.possible_margin(sample_time, delay)
         filtered = keep_sampled_value(
-            known,
+            model,
             law,
             (game if law else game.leaning(value)).lookup(lookup, sample_time),
             points=game.points,
@@ -207,7 +207,7 @@ def kept_law(
     assert law is not None  # else the optimal inputs are the answer
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay, late or None)
-    return Kept(keep_value(known, law, lookup, rate=pace, margin=margin, scales=scales))
+    return Kept(keep_value(model, law, lookup, rate=pace, margin=margin, scales=scales))
 
 
 def check_not_empty(value: ValueFunction) -> None:
@@ -311,8 +311,8 @@ def worst_disturbance(
     margin = None if aimed_at is None else aimed_at.margin
     steps = [a.step for a in value.grid.axes]
     parameters = () if aimed_at is None else aimed_at.parameters
-    known = decided(system, value)
-    return against_the_worst(known, law, lookup_of(value), margin, steps, parameters)
+    model = decided(system, value)
+    return against_the_worst(model, law, lookup_of(value), margin, steps, parameters)
 
 
 def lookup_of(value: ValueFunction) -> Lookup:
@@ -398,20 +398,20 @@ def decided(system: System, value: ValueFunction) -> System:
             "function was computed with",
             remedy="compute it again; to simulate another vehicle under this law, use plant",
         )
-    known = with_disturbance(system, report.disturbance)
-    return replace(known, samples=report.samples)
+    model = with_disturbance(system, report.disturbance)
+    return replace(model, samples=report.samples)
 
 
 class _Falls:
     """The largest fall rate of V near the boundary, for any inputs and disturbance."""
 
     def __init__(self, system: System, value: ValueFunction) -> None:
-        known = decided(system, value)
-        h = hamiltonian(known, inputs="min", disturbances="min")
-        states = [q.symbol for q in known.states]
+        model = decided(system, value)
+        h = hamiltonian(model, inputs="min", disturbances="min")
+        states = [q.symbol for q in model.states]
         self.value = value
-        self.rise = Evaluator([h.value], [*states, *h.costates], known.parameters)
-        self.parameters = parameters_of(value, known)
+        self.rise = Evaluator([h.value], [*states, *h.costates], model.parameters)
+        self.parameters = parameters_of(value, model)
         times = _times(value)
         known_at: list[float | None] = [None] if times is None else [float(t) for t in times]
         self.jump = value.stored is None and times is None and steeper_than_its_start(value)
@@ -424,11 +424,11 @@ class _Falls:
         axes, layers = self.value.grid.axes, self.value.layers(None)
         within = _near(layers, layers, math.inf)
         points = np.stack([a.nodes[k] for a, k in zip(axes, within, strict=True)], axis=1)
-        found = []
+        largest = []
         for way in np.eye(len(axes)):
             rows = [np.hstack([points, np.tile(s * way, (len(points), 1))]) for s in (1.0, -1.0)]
-            found.append(-min(self.rise.values(q, self.parameters)[:, 0].min() for q in rows))
-        return np.array(found)
+            largest.append(-min(self.rise.values(q, self.parameters)[:, 0].min() for q in rows))
+        return np.array(largest)
 
     def most(self, reach: float) -> tuple[float, float]:
         """The largest fall of V [1/s] where 0 < V <= reach: at one time, and as time runs down.
@@ -461,10 +461,10 @@ def _near(
     def holds(k: int) -> Any:
         return (np.maximum(low[k], high[k]) > 0) & (np.minimum(low[k], high[k]) <= reach)
 
-    found = Places(holds, low.shape)
-    if len(found) > MANY:
-        return found.at(np.random.default_rng(0).choice(len(found), MANY, replace=False))
-    return found.at(np.arange(len(found)))
+    places = Places(holds, low.shape)
+    if len(places) > MANY:
+        return places.at(np.random.default_rng(0).choice(len(places), MANY, replace=False))
+    return places.at(np.arange(len(places)))
 
 
 def parameters_of(value: ValueFunction, system: System) -> dict[str, float]:
@@ -480,19 +480,19 @@ def optimal_inputs(
 
     The states outside the plane are held. Arrays of shape (nodes of the first, of the second).
     """
-    known = decided(system, value)
-    h = hamiltonian(known)
-    states = {q.name: q.symbol for q in known.states}
-    chosen = {q.symbol: h.inputs[q.name] for q in known.inputs}
-    chosen |= {q.symbol: h.disturbances[q.name] for q in known.disturbances}
-    rates = [known.rates[n].xreplace(chosen) for n in plane]
+    model = decided(system, value)
+    h = hamiltonian(model)
+    states = {q.name: q.symbol for q in model.states}
+    chosen = {q.symbol: h.inputs[q.name] for q in model.inputs}
+    chosen |= {q.symbol: h.disturbances[q.name] for q in model.disturbances}
+    rates = [model.rates[n].xreplace(chosen) for n in plane]
     wanted = Evaluator(
-        [*h.inputs.values(), *rates], [*states.values(), *h.costates], known.parameters
+        [*h.inputs.values(), *rates], [*states.values(), *h.costates], model.parameters
     )
     axes = {a.name: a.nodes for a in value.grid.axes}
     first, second = np.meshgrid(*(axes[n] for n in plane), indexing="ij")
     columns = dict(held) | {plane[0]: first.ravel(), plane[1]: second.ravel()}
     points = np.stack([np.broadcast_to(columns[n], first.size) for n in states], axis=1)
-    found = wanted.values(np.hstack([points, value.gradient(points)]), parameters_of(value, known))
-    tables = [column.reshape(first.shape) for column in found.T]
+    values = wanted.values(np.hstack([points, value.gradient(points)]), parameters_of(value, model))
+    tables = [column.reshape(first.shape) for column in values.T]
     return dict(zip(h.inputs, tables, strict=False)), (tables[-2], tables[-1])

@@ -536,14 +536,14 @@ class _Game:
         most = np.concatenate([self.inputs.max(axis=0), -self.inputs.min(axis=0)])
         constraints = np.ascontiguousarray(np.hstack([rows, most[:, np.newaxis]])).ravel()
         room, whole = numbers_of_search(n, m, 2 * m, moves), 3 * n
-        own, counts = numbers_of_programs(m, 2 * m + CUTS * moves)
+        floats, counts = numbers_of_programs(m, 2 * m + CUTS * moves)
         out = np.empty((len(states), m + 1))
         called(
             "foreseen", "search_many", len(states), table, np.ascontiguousarray(wanted).reshape(-1),
             half, constraints, held.at(states).reshape(-1), held.wide, self.inputs.ravel(), m,
             2 * m, len(self.inputs), np.full(len(states), level), self.cell, self.low, self.steps,
             self.shape, self.turns, n, moves, int(held.curved), out.reshape(-1), np.empty(room),
-            np.zeros(whole, dtype=np.int64), np.empty(own), np.zeros(counts, dtype=np.int64),
+            np.zeros(whole, dtype=np.int64), np.empty(floats), np.zeros(counts, dtype=np.int64),
         )  # fmt: skip
         return out[:, :m]
 

@@ -72,23 +72,23 @@ UNCONFIRMED, FELL_SHORT = "not confirmed", "fell short"
 EVERY = "every start is kept"
 
 
-def shortfall(kept: Rate, depth: str, aim: str = "stay") -> str:
+def shortfall(rate: Rate, depth: str, aim: str = "stay") -> str:
     """That not all starts are kept, as a sentence."""
-    return f"the promise falls short: {kept.count} of {kept.total} starts {depth} inside {aim}"
+    return f"the promise falls short: {rate.count} of {rate.total} starts {depth} inside {aim}"
 
 
-def confirmation(share: float, kept: str, whence: str, edge: Rate | None, missed: str = "") -> str:
+def confirmation(share: float, claim: str, whence: str, edge: Rate | None, missed: str = "") -> str:
     """On which share of the set starts are kept, as a sentence.
 
     whence: how far inside they begin, where not all are kept that are nearer to the edge; edge: how
     many of these are, None where none was tried; missed: what follows on those that are lost.
     """
     where = f"from {whence} inside on, " if whence else "on "
-    found = f"confirmed {where}{100 * share:.3g} % of the set: {kept}"
+    sentence = f"confirmed {where}{100 * share:.3g} % of the set: {claim}"
     if not whence or edge is None:
-        return found
+        return sentence
     lost = edge.total - edge.count
-    return f"{found}; of {edge.total} starts nearer to the edge {lost} are lost{missed}"
+    return f"{sentence}; of {edge.total} starts nearer to the edge {lost} are lost{missed}"
 
 
 @dataclass(frozen=True)
@@ -210,8 +210,8 @@ class Promise:
     @property
     def kept_share(self) -> float:
         """The share of the set from the inside out to the first layer that loses a start."""
-        kept = sum(b.share for b in self._kept_layers)
-        return min(1.0, self.share + kept) if self.held else 0.0
+        in_layers = sum(b.share for b in self._kept_layers)
+        return min(1.0, self.share + in_layers) if self.held else 0.0
 
     @property
     def _kept_layers(self) -> tuple[Layer, ...]:
@@ -262,15 +262,15 @@ class Promise:
         """What the runs come to, as a sentence."""
         if self.verdict:
             return self.verdict
-        kept = f"{EVERY}{' against every disturbance tried' * (len(self.inside) > 1)}"
+        claim = f"{EVERY}{' against every disturbance tried' * (len(self.inside) > 1)}"
         rest = self.layers[len(self._kept_layers) :]
         if not rest:
-            return confirmation(self.tried_share, kept, "", None)
+            return confirmation(self.tried_share, claim, "", None)
         whence = [self.depth, *(b.down_to for b in self._kept_layers)][-1]
         rates = [b.trials.kept for b in rest]
         edge = Rate(sum(r.count for r in rates), sum(r.total for r in rates))
         missed = self._beyond(max(b.missed for b in rest))
-        return confirmation(self.kept_share, kept, whence, edge, f", {missed}")
+        return confirmation(self.kept_share, claim, whence, edge, f", {missed}")
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json."""
@@ -329,8 +329,8 @@ class Runs:
         return Runs(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
     def trials(self, what: str) -> Trials:
-        kept = Rate(int(self.kept.sum()), len(self.kept))
-        return Trials(what, kept, int(self.off_grid.sum()), self.excursion, int(self.relaxed.sum()))
+        rate = Rate(int(self.kept.sum()), len(self.kept))
+        return Trials(what, rate, int(self.off_grid.sum()), self.excursion, int(self.relaxed.sum()))
 
 
 def layers_of(outer: Outer, every: Sequence[Runs], loss: float | None) -> tuple[Layer, ...]:
@@ -355,12 +355,12 @@ def layers_of(outer: Outer, every: Sequence[Runs], loss: float | None) -> tuple[
 
 def _against_all(every: Sequence[Runs]) -> Trials:
     """The starts against all that was tried."""
-    kept: Any = np.stack([r.kept for r in every]).all(axis=0)
-    off: Any = np.stack([r.off_grid for r in every]).any(axis=0) & ~kept
+    stood: Any = np.stack([r.kept for r in every]).all(axis=0)
+    off: Any = np.stack([r.off_grid for r in every]).any(axis=0) & ~stood
     relaxed: Any = np.stack([r.relaxed for r in every]).any(axis=0)
     worst = float(np.max([r.excursion for r in every]))
     what = ALL if len(every) > 1 else NO_DISTURBANCE
-    rate = Rate(int(kept.sum()), len(kept))
+    rate = Rate(int(stood.sum()), len(stood))
     return Trials(what, rate, int(off.sum()), worst, int(relaxed.sum()))
 
 
@@ -482,7 +482,7 @@ def check_promise(
     whole("runs: ", runs, 1)
     check_trials(runs, len(system.states))
     whole("seed: ", seed, 0)
-    known = decided(system, value)
+    model = decided(system, value)
     check_not_empty(value)
     if region is None and goal is None:
         raise SimulationError("no region to stay in", remedy="give the region")
@@ -490,38 +490,38 @@ def check_promise(
     generator = np.random.default_rng(seed)
     loss = sampled_margin(system, value, sample_time) if margin is None and system.inputs else 0.0
     inside, loss = inside_states(value, generator, runs, margin, loss)
-    beyond = outside_states(value, generator, runs, margin, region, known)
+    beyond = outside_states(value, generator, runs, margin, region, model)
     outer = outer_states(value, np.random.default_rng((seed, 1)), (runs + 1) // 2, margin, loss)
-    attack = _Attack(system, known, value, steered, region, goal, horizon, sample_time, seed)
+    attack = _Attack(system, model, value, steered, region, goal, horizon, sample_time, seed)
     starts = np.vstack([inside, outer.between, outer.edge])
-    kinds = DISTURBED if known.disturbances else (NO_DISTURBANCE,)
+    kinds = DISTURBED if model.disturbances else (NO_DISTURBANCE,)
     steps = len(kinds) + 2
 
     def run(what: str, starts: Array, count: int) -> Runs:
         return attack.run(what, starts, _part(progress, count / steps, steps))
 
     every = [run(what, starts, count) for count, what in enumerate(kinds)]
-    found = {what: r.part(slice(0, runs)) for what, r in zip(kinds, every, strict=True)}
-    kept: Any = np.stack([r.kept for r in found.values()]).all(axis=0)
-    trials = [r.trials(what) for what, r in found.items()]
-    beaten = _beaten(inside, found)
-    if known.disturbances:
-        near = np.max([r.near for r in found.values()], axis=0)
+    by_kind = {what: r.part(slice(0, runs)) for what, r in zip(kinds, every, strict=True)}
+    unbeaten: Any = np.stack([r.kept for r in by_kind.values()]).all(axis=0)
+    trials = [r.trials(what) for what, r in by_kind.items()]
+    beaten = _beaten(inside, by_kind)
+    if model.disturbances:
+        near = np.max([r.near for r in by_kind.values()], axis=0)
         order = np.argsort(-near, kind="stable")
-        again = order[kept[order]]
+        again = order[unbeaten[order]]
         again = again[: max(1, runs // NEAREST)]
         if len(again):
             tried = run(RESTARTS, np.repeat(inside[again], TRIES, axis=0), len(kinds))
             beaten += _beaten(np.repeat(inside[again], TRIES, axis=0), {RESTARTS: tried}, TRIES)
             stood: Any = tried.kept.reshape(-1, TRIES).all(axis=1)
             off = tried.off_grid.reshape(-1, TRIES).any(axis=1) & ~stood
-            kept[again] &= stood
+            unbeaten[again] &= stood
             relaxed = int(tried.relaxed.reshape(-1, TRIES).any(axis=1).sum())
             rate_again = Rate(int(stood.sum()), int(stood.size))
             trials.append(Trials(RESTARTS, rate_again, int(off.sum()), tried.excursion, relaxed))
         total = Trials(
             ALL,
-            Rate(int(kept.sum()), runs),
+            Rate(int(unbeaten.sum()), runs),
             sum(b.outcome == Outcome.OFF_GRID.label for b in beaten),
             float(np.max([t.excursion for t in trials])),
             max(t.relaxed for t in trials),
@@ -529,7 +529,7 @@ def check_promise(
         trials = [total, *trials]
     lost = None
     if beyond is not None:
-        what = OF_VALUE if known.disturbances else NO_DISTURBANCE
+        what = OF_VALUE if model.disturbances else NO_DISTURBANCE
         lost = run(what, beyond, len(kinds) + 1).trials(what)
     return Promise(
         law=steered.name,
@@ -541,7 +541,7 @@ def check_promise(
         outside=lost,
         aim="stay" if goal is None else "reach the goal",
         beaten=tuple(beaten),
-        doubt=_doubt(report) or _doubt_of_samples(known),
+        doubt=_doubt(report) or _doubt_of_samples(model),
         held_loss=loss,
         share=outer.share,
         layers=layers_of(outer, every, loss if margin is None else None),
@@ -551,11 +551,11 @@ def check_promise(
 def _part(tell: Progress | None, begin: float, parts: int) -> Callable[[float], None]:
     """The progress of one of `parts` equal parts, which begins at a share of the whole."""
 
-    def told(fraction: float) -> None:
+    def tell_part(fraction: float) -> None:
         if tell is not None:
             tell(begin + fraction / parts)
 
-    return told
+    return tell_part
 
 
 def _doubt(report: Report) -> str:
@@ -571,8 +571,8 @@ def _doubt(report: Report) -> str:
 
 def _doubt_of_samples(system: System) -> str:
     """The doubt that a sampled disturbance may be worse between its sample points."""
-    found = without_closed_form(system) if system.samples else set()
-    names = [q.name for q in system.disturbances if q.symbol in found]
+    sampled = without_closed_form(system) if system.samples else set()
+    names = [q.name for q in system.disturbances if q.symbol in sampled]
     if not names:
         return ""
     return (
@@ -617,9 +617,9 @@ class _Attack:
                 settings["varied"] = Varied({ADVERSARY_AIM.name: (aim, aim)})
         elif what != NO_DISTURBANCE:
             kind = SWITCHING if what == RESTARTS else what
-            found = schedules(self.known)
-            settings["disturbance"] = found.expressions
-            settings["varied"] = found.drawn(kind, self.horizon, self.sample_time)
+            schedule = schedules(self.known)
+            settings["disturbance"] = schedule.expressions
+            settings["varied"] = schedule.drawn(kind, self.horizon, self.sample_time)
             settings["seed"] = self.seed + (what == RESTARTS)
         result = simulate(plant, driven, starts=starts, region=self.region, **settings)
         return self._judged(result)
@@ -635,31 +635,31 @@ class _Attack:
             worst = (worst / np.array(scales)).max(axis=1)
         if self.goal is None:
             gone = np.isin(outcome, (Outcome.LEFT, Outcome.DIVERGED))
-            kept, near, missed = ~gone & np.isinf(off), worst, worst
+            stood, near, missed = ~gone & np.isinf(off), worst, worst
         else:
             states = data["state"].values
             flat = states.reshape(-1, states.shape[2])
-            known = np.isfinite(flat).all(axis=1)  # the record of a diverged run ends there
-            points = np.where(known[:, None], flat, 0.0)
+            finite = np.isfinite(flat).all(axis=1)  # the record of a diverged run ends there
+            points = np.where(finite[:, None], flat, 0.0)
 
             def levels_of(region: Region) -> Any:
                 symbols = [q.symbol for q in self.system.states]
                 level = Evaluator([region.worst], symbols, region.parameters)
-                values = np.where(known, level.values(points)[:, 0], math.inf)
+                values = np.where(finite, level.values(points)[:, 0], math.inf)
                 return values.reshape(states.shape[:2])
 
             levels = levels_of(self.goal)
             there = levels <= 0
             first = np.where(there.any(axis=1), data["time"].values[there.argmax(axis=1)], np.inf)
             lost = np.isin(outcome, (Outcome.LEFT, Outcome.DIVERGED))
-            kept = np.isfinite(first) & (first <= off) & ((first <= left) | ~lost)
+            stood = np.isfinite(first) & (first <= off) & ((first <= left) | ~lost)
             if self.region is not None:  # the value of the run: min_t max(goal, max_s<t constraint)
                 levels = np.maximum(levels, np.maximum.accumulate(levels_of(self.region), axis=1))
             missed = levels.min(axis=1)
             near, worst = first, np.full(len(first), math.nan)
-        off_first = ~kept & np.isfinite(off) & (off <= left)
+        off_first = ~stood & np.isfinite(off) & (off <= left)
         return Runs(
-            kept,
+            stood,
             off_first,
             np.nan_to_num(near, nan=np.inf),
             np.minimum(left, off),
@@ -670,11 +670,11 @@ class _Attack:
         )
 
 
-def _beaten(starts: Array, found: dict[str, Runs], each: int = 1) -> list[Beaten]:
+def _beaten(starts: Array, by_kind: dict[str, Runs], each: int = 1) -> list[Beaten]:
     """The starts that were lost, with the first disturbance that beat each; `each`: how many
     rows in turn are one start."""
     beaten: dict[int, Beaten] = {}
-    for what, runs in found.items():
+    for what, runs in by_kind.items():
         for row in map(int, np.flatnonzero(~runs.kept)):
             if row // each not in beaten:
                 outcome = Outcome(int(runs.outcome[row])).label

@@ -106,8 +106,8 @@ class _Pair:
         bearings = np.linspace(SHALLOW, 1, 400) * self.half_angle
         k = int(np.argmin(allowed(bearings)))
         inner = bearings[max(k - 1, 0)], bearings[min(k + 1, len(bearings) - 1)]
-        found = minimize_scalar(allowed, bounds=inner, method="bounded")
-        return min(float(allowed(bearings[k])), float(found.fun))
+        minimum = minimize_scalar(allowed, bounds=inner, method="bounded")
+        return min(float(allowed(bearings[k])), float(minimum.fun))
 
     @property
     def room(self) -> float:
@@ -147,7 +147,7 @@ def visibility_gains(
     """
     if turn not in TURNS:
         raise DefinitionError(f"turn is {turn!r}", expected=" or ".join(map(repr, TURNS)))
-    given = {
+    numbers = {
         "k1": k1,
         "distance": distance,
         "range_max": range_max,
@@ -156,7 +156,7 @@ def visibility_gains(
         "softness": softness,
         "robot_radius": robot_radius,
     }
-    for name, value in given.items():
+    for name, value in numbers.items():
         least = 0.0 if name in ("leader_speed", "robot_radius") else math.ulp(0.0)
         if not isinstance(value, int | float) or not least <= value < math.inf:
             raise DefinitionError(
@@ -199,16 +199,17 @@ def visibility_conditions(law: Law, region: Region) -> tuple[GainCondition, ...]
     Empty for other laws and regions. The bounds of the window are numbers, found for the other
     parameters of the law: a parameter that varies from run to run does not move them.
     """
-    given = {p.name: p.value for p in (*region.parameters, *law.parameters)}
-    if law.name not in FOLLOWERS or not {"range_max", "half_angle"} <= set(given):
+    numbers = {p.name: p.value for p in (*region.parameters, *law.parameters)}
+    if law.name not in FOLLOWERS or not {"range_max", "half_angle"} <= set(numbers):
         return ()
-    view = {n: given[n] for n in ("range_max", "half_angle")}
-    robot_radius = given.get("robot_radius", 0.0)
+    view = {n: numbers[n] for n in ("range_max", "half_angle")}
+    robot_radius = numbers.get("robot_radius", 0.0)
     sight = law.outputs["wF"].has(sp.sin)
     window = visibility_gains(
-        k1=given["k1"], distance=given["distance"], leader_speed=given.get("leader_speed", 0.0)
-        if law.name == "follow_leader" else 0.0,
-        softness=given.get("softness", SHARP), turn=TURNS[sight], robot_radius=robot_radius, **view,
+        k1=numbers["k1"], distance=numbers["distance"],
+        leader_speed=numbers.get("leader_speed", 0.0) if law.name == "follow_leader" else 0.0,
+        softness=numbers.get("softness", SHARP), turn=TURNS[sight], robot_radius=robot_radius,
+        **view,
     )  # fmt: skip
     k2, source = symbol("k2"), "derived, hf.visibility_gains; thesis (6.17), (6.18) corrected"
 
@@ -258,15 +259,15 @@ def _remedy(pair: _Pair) -> str:
         ("range_max", "range_max of at least", lambda f: f, "m"),
         ("leader_speed", "leader_speed of at most", lambda f: 1 / f, "m/s"),
     ]
-    found = []
+    remedies = []
     for name, words, scale, unit in ways:
         now: float = getattr(pair, name)
         for factor in np.geomspace(1, 100, 41)[1:] if now else ():
             if room(name, now * scale(factor)) > 0:
                 near, far = sorted((now, now * scale(factor)))
                 limit = brentq(lambda v, name=name: room(name, v), near, far)
-                found.append(f"{words} {limit:.4g} {unit}")
+                remedies.append(f"{words} {limit:.4g} {unit}")
                 break
-    if not found:
+    if not remedies:
         return "take a smaller distance or half angle"
-    return "take " + ", or ".join(found)
+    return "take " + ", or ".join(remedies)

@@ -54,10 +54,10 @@ class NamedArrays:
     @property
     def sizes(self) -> dict[str, int]:
         """The length of every axis."""
-        found: dict[str, int] = {}
+        lengths: dict[str, int] = {}
         for variable in self.variables.values():
-            found.update(zip(variable.dims, variable.values.shape, strict=True))
-        return found
+            lengths.update(zip(variable.dims, variable.values.shape, strict=True))
+        return lengths
 
     def dataset(self) -> xr.Dataset:
         """The same as an xarray dataset, without copies."""
@@ -250,7 +250,7 @@ def _characters(texts: npt.NDArray[np.str_]) -> npt.NDArray[np.bytes_]:
 def _related(arrays: NamedArrays) -> tuple[dict[str, dict[str, str]], dict[str, str]]:
     """The attributes that name the coordinates of each array, and those of none (CF, chapter 5)."""
     names = sorted(n for n in arrays.coordinates if arrays[n].dims != (n,))
-    found: dict[str, dict[str, str]] = {}
+    attributes: dict[str, dict[str, str]] = {}
     used: set[str] = set()
     for name, variable in arrays.variables.items():
         mine = [
@@ -259,9 +259,9 @@ def _related(arrays: NamedArrays) -> tuple[dict[str, dict[str, str]], dict[str, 
             if name not in (*names, *variable.dims) and {*arrays[c].dims} <= {*variable.dims}
         ]
         used.update(mine)
-        found[name] = {"coordinates": " ".join(mine)} if mine else {}
+        attributes[name] = {"coordinates": " ".join(mine)} if mine else {}
     rest = [c for c in names if c not in used]
-    return found, {"coordinates": " ".join(rest)} if rest else {}
+    return attributes, {"coordinates": " ".join(rest)} if rest else {}
 
 
 def read_netcdf(

@@ -39,8 +39,8 @@ class Rate:
     def interval(self) -> tuple[float, float]:
         from scipy.stats import binomtest  # 22 MB, not needed by a march
 
-        found = binomtest(self.count, self.total).proportion_ci(CONFIDENCE, method="wilson")
-        return float(found.low), float(found.high)
+        ends = binomtest(self.count, self.total).proportion_ci(CONFIDENCE, method="wilson")
+        return float(ends.low), float(ends.high)
 
     def summary(self) -> dict[str, Any]:
         return {"count": self.count, "rate": self.value, "interval": list(self.interval)}
@@ -160,19 +160,19 @@ class Comparison:
     @checked
     def of(self, law: str, case: str) -> Trial:
         """The trial of that law in that case; `ScenarioError` if it does not exist."""
-        known = {(t.law, t.case): t for t in self.trials}
-        if (law, case) not in known:
-            names = "; ".join(", ".join(pair) for pair in known)
+        trials = {(t.law, t.case): t for t in self.trials}
+        if (law, case) not in trials:
+            names = "; ".join(", ".join(pair) for pair in trials)
             raise ScenarioError(f"no trial of '{law}' in '{case}'", expected=f"one of {names}")
-        return known[law, case]
+        return trials[law, case]
 
     def viable(self, law: str, case: str) -> Rate:
-        found = self.of(law, case)
-        return Rate(int(found.viable.sum()), len(found.viable))
+        trial = self.of(law, case)
+        return Rate(int(trial.viable.sum()), len(trial.viable))
 
     def rescued(self, law: str, case: str) -> Rate:
-        found = self.of(law, case)
-        return Rate(int(found.rescued.sum()), len(found.rescued))
+        trial = self.of(law, case)
+        return Rate(int(trial.rescued.sum()), len(trial.rescued))
 
     def of_kernel(self, law: str, case: str) -> Rate | None:
         """The rescued share of the starts inside the case's kernel; None without such starts."""
@@ -182,11 +182,11 @@ class Comparison:
         """The share of the starts outside the kernel that stayed in the region nevertheless."""
         return self._among(self.of(law, case).viable, case, "given_up")
 
-    def _among(self, kept: npt.NDArray[np.bool_], case: str, which: str) -> Rate | None:
+    def _among(self, good: npt.NDArray[np.bool_], case: str, which: str) -> Rate | None:
         if case not in self.references:
             return None
         chosen = getattr(self.references[case], which)
-        return Rate(int(kept[chosen].sum()), int(chosen.sum())) if chosen.any() else None
+        return Rate(int(good[chosen].sum()), int(chosen.sum())) if chosen.any() else None
 
     def detours(self, law: str, case: str) -> Array:
         """The detours of the rescued runs; empty if no run was rescued."""
@@ -237,10 +237,10 @@ class Comparison:
 
 
 def _spread(values: Sequence[float] | npt.NDArray[Any]) -> dict[str, float | None]:
-    known = np.asarray(values, dtype=float)
-    if not len(known):
+    numbers = np.asarray(values, dtype=float)
+    if not len(numbers):
         return {"median": None, "worst": None}
-    return {"median": float(np.median(known)), "worst": float(known.max())}
+    return {"median": float(np.median(numbers)), "worst": float(numbers.max())}
 
 
 @dataclass(frozen=True)
@@ -283,11 +283,11 @@ Tally = Mapping[str, Entry]
 
 def put_together(parts: Iterable[Tally]) -> dict[str, Entry]:
     """The combined aggregates of all parts, in the given order."""
-    found: dict[str, Entry] = {}
+    entries: dict[str, Entry] = {}
     for part in parts:
         for name, entry in part.items():
-            found[name] = found[name].with_more(entry) if name in found else entry
-    return found
+            entries[name] = entries[name].with_more(entry) if name in entries else entry
+    return entries
 
 
 def as_table(tally: Tally) -> dict[str, list[Any]]:
@@ -304,23 +304,23 @@ def tally_of(result: Result) -> dict[str, Entry]:
     """The aggregates of the runs of a result."""
     data = result.arrays
     runs = int(data.sizes["run"])
-    found = {"runs": Entry("sum", runs, meaning="runs")}
+    entries = {"runs": Entry("sum", runs, meaning="runs")}
     for label, count in result.outcomes.items():
         name = label.replace(" ", "_")
-        found[name] = Entry("sum", count, meaning=f"runs that ended so: {label}")
+        entries[name] = Entry("sum", count, meaning=f"runs that ended so: {label}")
     if result.success_fraction is not None:
-        reached = found["reached_goal"].first
-        found["success"] = Entry("share", reached, runs, meaning="share that reached the goal")
-    found["viable"] = Entry("share", result.viable, runs, meaning="share that kept the region")
+        reached = entries["reached_goal"].first
+        entries["success"] = Entry("share", reached, runs, meaning="share that reached the goal")
+    entries["viable"] = Entry("share", result.viable, runs, meaning="share that kept the region")
 
     def add(name: str, values: Array, unit: str, meaning: str) -> None:
-        known = values[np.isfinite(values)]
-        found[f"{name}_mean"] = Entry(
-            "mean", float(known.sum()), known.size, unit, f"mean {meaning}"
+        finite = values[np.isfinite(values)]
+        entries[f"{name}_mean"] = Entry(
+            "mean", float(finite.sum()), finite.size, unit, f"mean {meaning}"
         )
 
     def most(name: str, values: Array, unit: str, meaning: str) -> None:
-        found[name] = Entry("most", float(values.max(initial=-np.inf)), 0.0, unit, meaning)
+        entries[name] = Entry("most", float(values.max(initial=-np.inf)), 0.0, unit, meaning)
 
     since = data["goal_time"].values
     if result.success_fraction is not None:
@@ -328,8 +328,8 @@ def tally_of(result: Result) -> dict[str, Entry]:
         most("goal_time_worst", since[np.isfinite(since)], "s", "latest time of coming to the goal")
 
     def units(axis: str) -> dict[str, str]:
-        names, found = (map(str, data[f"{axis}_{w}"].values) for w in ("name", "unit"))
-        return dict(zip(names, found, strict=True))
+        names, entries = (map(str, data[f"{axis}_{w}"].values) for w in ("name", "unit"))
+        return dict(zip(names, entries, strict=True))
 
     for k, (name, unit) in enumerate(units("constraint").items()):
         says = f"largest value of a constraint, safe at most 0: {name}"
@@ -345,7 +345,7 @@ def tally_of(result: Result) -> dict[str, Entry]:
     add("switches", rate, "1/min", "changes of mode a minute")
     if data.attrs.get("safeguarded", 0):
         relaxed = float((data["infeasible"].values > 0).sum())
-        found["relaxed"] = Entry("sum", relaxed, meaning="runs whose safeguard found no input")
+        entries["relaxed"] = Entry("sum", relaxed, meaning="runs whose safeguard found no input")
         overruled = float((data["overruled"].values > 0).sum())
-        found["overruled"] = Entry("sum", overruled, meaning="runs whose safeguard overruled")
-    return found
+        entries["overruled"] = Entry("sum", overruled, meaning="runs whose safeguard overruled")
+    return entries

@@ -58,8 +58,8 @@ class Result:
     @property
     def arrays(self) -> NamedArrays:
         """The same trajectories as plain arrays, which need no xarray."""
-        kept = self._kept
-        return kept if isinstance(kept, NamedArrays) else NamedArrays.of(kept)
+        stored = self._kept
+        return stored if isinstance(stored, NamedArrays) else NamedArrays.of(stored)
 
     @property
     def outcomes(self) -> dict[str, int]:
@@ -81,8 +81,8 @@ class Result:
     def viable(self) -> int:
         """The number of runs that never left the region."""
         values = self.arrays["outcome"].values
-        kept = (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED, Outcome.OFF_GRID)
-        return int(np.isin(values, kept).sum())
+        outcomes = (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED, Outcome.OFF_GRID)
+        return int(np.isin(values, outcomes).sum())
 
     @property
     def success_fraction(self) -> float | None:
@@ -166,14 +166,14 @@ class Result:
         names = json.loads(data.attrs.get("vertices", "[]"))
         if not names:
             return []
-        known = [str(n) for n in data["varied_name"].values]
-        values = data["varied"].values[:, [known.index(n) for n in names]]
+        columns = [str(n) for n in data["varied_name"].values]
+        values = data["varied"].values[:, [columns.index(n) for n in names]]
         outcome, infeasible = data["outcome"].values, data["infeasible"].values
         viable = np.isin(outcome, (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED))
-        found = []
+        vertices = []
         for vertex in np.unique(values, axis=0):
             mine = (values == vertex).all(axis=1)
-            found.append(
+            vertices.append(
                 {
                     "at": {n: float(v) for n, v in zip(names, vertex, strict=True)},
                     "runs": int(mine.sum()),
@@ -184,7 +184,7 @@ class Result:
                     "worst_constraint": _largest(data, "worst_constraint", mine),
                 }
             )
-        return found
+        return vertices
 
     def final_errors(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
         """The final error of every run from the reference, by state (run); NaN if it diverged."""
@@ -215,10 +215,10 @@ class Result:
 
         Raises `OutputError` when the folder cannot be written.
         """
-        kept = self._kept
-        if isinstance(kept, NamedArrays):
-            return write_arrays(kept, path)
-        return write_netcdf(kept, path)
+        stored = self._kept
+        if isinstance(stored, NamedArrays):
+            return write_arrays(stored, path)
+        return write_netcdf(stored, path)
 
 
 def _largest(

@@ -203,7 +203,9 @@ def described(
         "safeguarded": int(program.safeguarded),
         "seed": settings.seed if settings.seed < 2**63 else str(settings.seed),
     }
-    everything = {name: _named(*given) for name, given in {**variables, **coordinates}.items()}
+    everything = {
+        name: _named(*variable) for name, variable in {**variables, **coordinates}.items()
+    }
     return NamedArrays(everything, tuple(coordinates), {**fixed, **attributes})
 
 
@@ -231,7 +233,7 @@ def _safeguard(program: ClosedLoopProgram, s: Trajectories) -> dict[str, Any]:
     names, units = (", ".join(part) for part in _columns(program.inputs))
     before = "before the safeguard and saturation"
     answers = list(SafeguardAnswer)
-    found: dict[str, Any] = {
+    variables: dict[str, Any] = {
         "nominal": (
             ("run", "time", "input_name"),
             s.nominal,
@@ -259,12 +261,12 @@ def _safeguard(program: ClosedLoopProgram, s: Trajectories) -> dict[str, Any]:
     }
     if program.actuators:
         about = {"long_name": f"actuator values requested by the law, {before}"}
-        found["nominal_actuator"] = (
+        variables["nominal_actuator"] = (
             ("run", "time", "actuator_name"),
             s.nominal_actuator,
             {**about, "units": program.actuator_unit},
         )
-    return found
+    return variables
 
 
 def _columns(quantities: Sequence[Quantity]) -> tuple[list[str], list[str]]:
@@ -284,8 +286,8 @@ def check_disturbance(
     loop: ClosedLoop,
     settings: Settings,
     plant: Mapping[str, float],
-    given: Mapping[str, sp.Expr],
-    own: Array,
+    disturbance: Mapping[str, sp.Expr],
+    drawn: Array,
     first: int,
 ) -> None:
     """Refuse a disturbance that is not finite, or leaves its bounds, in any run.
@@ -294,14 +296,14 @@ def check_disturbance(
     """
     if not system.disturbances or loop.program.bounded:
         return
-    used = set().union(*(e.free_symbols for e in given.values()))
+    used = set().union(*(e.free_symbols for e in disturbance.values()))
     steps = 4 * settings.samples + 1 if TIME in used else 1
     times = np.arange(steps, dtype=np.float64) * (settings.sample_time / 4)
     bounds = system.disturbance_bounds
     names = [*loop.program.varied.names, *loop.program.varied.plant]
     varied = {symbol(n) for n in names}
     bound_varies = bounds is not None and bool(bounds.free_symbols & varied)
-    rows = own if used & varied or bound_varies else own[:1]
+    rows = drawn if used & varied or bound_varies else drawn[:1]
     values = {p.symbol: p.value for p in loop.program.parameters}
     worst: list[tuple[int, float, Array]] = []
 
@@ -375,7 +377,7 @@ def felt_along(
     runs, times = trajectories.state.shape[:2]
     columns = loop.columns((*program.varied.names, *program.varied.plant))
     numbers = loop.parameter_array(plant, settings.sample_time)
-    found = np.empty((runs, times, len(program.disturbances)))
+    felt = np.empty((runs, times, len(program.disturbances)))
     several = max(1, MOST // times)
     for begin in range(0, runs, several):
         part = slice(begin, begin + several)
@@ -388,8 +390,8 @@ def felt_along(
             np.repeat(p, times, axis=0),
         )
         values[np.isnan(states).any(axis=2).reshape(-1)] = np.nan  # after the end of a run
-        found[part] = values.reshape(len(states), times, -1)
-    return found
+        felt[part] = values.reshape(len(states), times, -1)
+    return felt
 
 
 @checked
@@ -448,8 +450,8 @@ def simulate(
     for name in reference or {}:
         if name not in system.state_names:
             raise SimulationError(f"reference of '{name}', which is not a state", key="reference")
-    given = {k: sp.sympify(v) for k, v in (disturbance or {}).items()}
-    for name in given:
+    expressions = {k: sp.sympify(v) for k, v in (disturbance or {}).items()}
+    for name in expressions:
         if name not in system.disturbance_names:
             raise SimulationError(
                 f"system '{system.name}' has no disturbance '{name}'",
@@ -457,10 +459,10 @@ def simulate(
                 key="disturbance",
             )
     for name in plant or {}:
-        if name not in (known := [p.name for p in system.parameters]):
+        if name not in (names := [p.name for p in system.parameters]):
             raise SimulationError(
                 f"plant: system '{system.name}' has no parameter '{name}'",
-                remedy=suggestion(name, known),
+                remedy=suggestion(name, names),
                 key="plant",
             )
         if varied is not None and name in (*varied.names, *varied.plant):
@@ -474,7 +476,7 @@ def simulate(
         law,
         region=region,
         goal=goal,
-        disturbance=given,
+        disturbance=expressions,
         stepper=BY_NAME[stepper],
         continuous=chosen.continuous,
         varied=varied,
@@ -502,16 +504,16 @@ def simulate(
         error.key = "starts"
         raise
     first = part.start if part is not None else 0
-    own = loop.varied(len(initial), chosen.seed, first)
-    _check_varied(program, own, first)
-    check_disturbance(system, loop, chosen, dict(plant or {}), given, own, first)
+    drawn = loop.varied(len(initial), chosen.seed, first)
+    _check_varied(program, drawn, first)
+    check_disturbance(system, loop, chosen, dict(plant or {}), expressions, drawn, first)
     seconds = {
         SAMPLE_TIME: 0.0 if chosen.continuous else chosen.sample_time,
         DELAY: chosen.delay,
     }
-    _warn_of_gains(program, values | seconds, own)
+    _warn_of_gains(program, values | seconds, drawn)
     trajectories = loop.simulate(
-        initial, chosen, plant=plant, varied=own, first=first, progress=progress,
+        initial, chosen, plant=plant, varied=drawn, first=first, progress=progress,
         commander=commander_of(command, program),
     )  # fmt: skip
     check_field(system, trajectories, first)
@@ -535,7 +537,7 @@ def simulate(
                 "vertices": json.dumps([*varied.vertices] if varied is not None else []),
                 **(attributes or {}),
             },
-            _limits(system, real, (*program.varied.names, *program.varied.plant), own),
+            _limits(system, real, (*program.varied.names, *program.varied.plant), drawn),
             felt_along(loop, trajectories, chosen, dict(plant or {})),
         ),
         scene=scene,
@@ -641,7 +643,7 @@ def _beyond(lookup: CellLookup, chosen: Settings) -> Iterator[str]:
 
 
 def _limits(
-    system: System, values: Mapping[sp.Symbol, float], varied: Sequence[str], own: Array
+    system: System, values: Mapping[sp.Symbol, float], varied: Sequence[str], drawn: Array
 ) -> dict[str, tuple[Array, Array]]:
     """The least and the largest value of every input and actuator of the simulated vehicle.
 
@@ -655,14 +657,16 @@ def _limits(
         sets["actuator"] = system.actuator_bounds
     symbols = [symbol(n) for n in varied]
     each = bool(bounds.free_symbols & set(symbols))
-    rows = [{**values, **dict(zip(symbols, row, strict=True))} for row in own] if each else [values]
-    found = {}
+    rows = (
+        [{**values, **dict(zip(symbols, row, strict=True))} for row in drawn] if each else [values]
+    )
+    limits = {}
     for axis, limited in sets.items():
         ends = [e for pair in limited.ranges() for e in pair]
         table = np.array([[_number(e, row) for e in ends] for row in rows])
         low, high = table[:, ::2], table[:, 1::2]
-        found[axis] = (low, high) if each else (low[0], high[0])
-    return found
+        limits[axis] = (low, high) if each else (low[0], high[0])
+    return limits
 
 
 def _number(e: sp.Expr, values: Mapping[sp.Symbol, float]) -> float:
@@ -682,15 +686,15 @@ def _from_every_start(
     return repeated[part.start - of.start * turns : part.stop - of.start * turns]
 
 
-def _check_varied(program: ClosedLoopProgram, own: Array, first: int) -> None:
+def _check_varied(program: ClosedLoopProgram, drawn: Array, first: int) -> None:
     """Refuse a run's value that is invalid for its parameter."""
     limits = {p.name: p.above for p in program.parameters}
     names = [*program.varied.names, *program.varied.plant]
     for j, name in enumerate(names):
-        bad = np.flatnonzero(~(np.isfinite(own[:, j]) & (own[:, j] > limits[name])))
+        bad = np.flatnonzero(~(np.isfinite(drawn[:, j]) & (drawn[:, j] > limits[name])))
         if bad.size:
             raise SimulationError(
-                f"'{program.varied.labels[j]}' is {own[bad[0], j]:g} in run {first + bad[0]}",
+                f"'{program.varied.labels[j]}' is {drawn[bad[0], j]:g} in run {first + bad[0]}",
                 expected=f"above {limits[name]:g}"
                 if np.isfinite(limits[name])
                 else "a finite number",
@@ -699,20 +703,20 @@ def _check_varied(program: ClosedLoopProgram, own: Array, first: int) -> None:
 
 
 def _warn_of_gains(
-    program: ClosedLoopProgram, values: Mapping[sp.Symbol, float], own: Array
+    program: ClosedLoopProgram, values: Mapping[sp.Symbol, float], drawn: Array
 ) -> None:
     """One warning for each gain condition that at least one run violates, or a refusal."""
     names = [symbol(n) for n in program.varied.names]
     for condition in program.conditions:
         involved = {*symbols_in(condition.value), *symbols_in(condition.limit)}
         columns = [j for j, name in enumerate(names) if name in involved]
-        rows = own[:, columns] if columns else own[:1, :0]
-        known: dict[bytes, str | None] = {}  # equal numbers are judged once
+        rows = drawn[:, columns] if columns else drawn[:1, :0]
+        judged: dict[bytes, str | None] = {}  # equal numbers are judged once
         for row in rows:
-            if row.tobytes() not in known:
+            if row.tobytes() not in judged:
                 numbers = {names[j]: v for j, v in zip(columns, row, strict=True)}
-                known[row.tobytes()] = condition.violation({**values, **numbers})
-        violated = [message for row in rows if (message := known[row.tobytes()])]
+                judged[row.tobytes()] = condition.violation({**values, **numbers})
+        violated = [message for row in rows if (message := judged[row.tobytes()])]
         if violated:
             if condition.refused:
                 raise SimulationError(violated[0])

@@ -55,8 +55,8 @@ def initial_states(
     names = system.state_names
     first = part.start if part is not None else 0
     if isinstance(starts, Starts):
-        for given in (*starts.states, starts.box):
-            for name in given:
+        for named in (*starts.states, starts.box):
+            for name in named:
                 if name not in names:
                     raise SimulationError(
                         f"'{name}' is not a state of system '{system.name}'",
@@ -149,17 +149,17 @@ def _on_boundary(
 
     def find(chosen: list[int], count: int, generator: np.random.Generator) -> Array:
         """At most `count` states where the chosen inequalities are active together."""
-        found = np.empty((0, len(states)))
+        points = np.empty((0, len(states)))
         for _ in range(_DRAWS):
-            if len(found) >= count:
+            if len(points) >= count:
                 break
             q = generator.uniform(low, high, (4 * count + 64, len(states)))
             q = _moved(evaluate, q, chosen, free, len(values))
             value = evaluate.values(q)[:, : len(values)]
             good = (np.abs(value[:, chosen] + _INSIDE) < _INSIDE / 2).all(axis=1)
             good &= (value <= 0).all(axis=1) & ((q >= low) & (q <= high)).all(axis=1)
-            found = np.vstack([found, q[good]])
-        return found[:count]
+            points = np.vstack([points, q[good]])
+        return points[:count]
 
     out = np.empty((len(drawn), len(states)))
     groups = len(starts.active)
@@ -172,13 +172,13 @@ def _on_boundary(
             if not wanted.any():
                 continue
             random = np.random.Philox(key=[seed, turn], counter=[0, 0, 0, block])
-            found = find(chosen, len(rows), np.random.Generator(random))
-            if len(found) < len(rows):
+            points = find(chosen, len(rows), np.random.Generator(random))
+            if len(points) < len(rows):
                 raise SimulationError(
                     f"no states of the box found where {' and '.join(group)} are active together",
                     remedy="check that they meet in the box",
                 )
-            out[rows[wanted] - drawn.start] = found[wanted]
+            out[rows[wanted] - drawn.start] = points[wanted]
     return out
 
 

@@ -171,11 +171,11 @@ class Campaign:
 
         Raises `OutputError` for an unknown name, or one that is not a number of a cell.
         """
-        known = [str(n) for n in self.dataset.data_vars if n not in TEXTS]
+        names = [str(n) for n in self.dataset.data_vars if n not in TEXTS]
         if name is None:
-            name = next((n for n in NAMES if n in known), "refused")
-        if name not in known:
-            raise OutputError(f"a campaign has no '{name}'", remedy=suggestion(name, known))
+            name = next((n for n in NAMES if n in names), "refused")
+        if name not in names:
+            raise OutputError(f"a campaign has no '{name}'", remedy=suggestion(name, names))
         return self.dataset[name]
 
     @property
@@ -217,8 +217,8 @@ class Campaign:
         """The cells, their outcomes, and the best and the worst of a variable."""
         about = self.variable(variable)
         values = about.values.ravel()
-        known = np.flatnonzero(np.isfinite(values))
-        found: dict[str, Any] = {
+        finite = np.flatnonzero(np.isfinite(values))
+        facts: dict[str, Any] = {
             "title": str(self.dataset.attrs["title"]),
             "scenario": str(self.dataset.attrs["scenario"]),
             "over": {k: [float(v) for v in self.dataset[n].values] for n, k in self.keys.items()}
@@ -229,15 +229,15 @@ class Campaign:
             "variable": str(about.name),
         }
         for word, chosen in (("most", np.argmax), ("least", np.argmin)):
-            if known.size:
-                cell = int(known[chosen(values[known])])
-                found[word] = {
+            if finite.size:
+                cell = int(finite[chosen(values[finite])])
+                facts[word] = {
                     "value": float(values[cell]), "cell": cell, "at": self.values_of(cell),
                 }  # fmt: skip
         for name in ("runs", "diverged", "chattered"):
             if name in self.dataset:
-                found[name] = int(self.dataset[name].sum())
-        return found
+                facts[name] = int(self.dataset[name].sum())
+        return facts
 
     @checked
     def save(self, path: str | Path) -> Path:

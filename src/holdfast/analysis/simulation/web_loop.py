@@ -100,11 +100,11 @@ def web_loop(
     not given are numbers too. Raises what `simulate` raises for laws and disturbances that do not
     fit, and `SimulationError` for a law that is handed its command by another controller.
     """
-    given = {name: sp.Float(0) for name in system.disturbance_names} | {
+    expressions = {name: sp.Float(0) for name in system.disturbance_names} | {
         name: sp.sympify(e) for name, e in (disturbance or {}).items()
     }
     program = closed_loop_program(
-        system, law, region=region, goal=goal, disturbance=given, stepper=BY_NAME[stepper],
+        system, law, region=region, goal=goal, disturbance=expressions, stepper=BY_NAME[stepper],
         continuous=settings.continuous, varied=varied,
     )  # fmt: skip
     program.check_alone()
@@ -161,10 +161,10 @@ def _scene(
     program: ClosedLoopProgram, shapes: Iterable[Shape]
 ) -> tuple[tuple[tuple[Shape, int], ...], Leaf | None]:
     """The shapes with the place of their first number, and the leaf of all numbers."""
-    found: list[tuple[Shape, int]] = []
+    placed: list[tuple[Shape, int]] = []
     numbers: list[sp.Expr] = []
     for shape in shapes:
-        found.append((shape, len(numbers)))
+        placed.append((shape, len(numbers)))
         numbers += [sp.sympify(e) for e in numbers_of(shape)]
     if not numbers:
         return (), None
@@ -172,7 +172,7 @@ def _scene(
         "t": (TIME,), "q": [q.symbol for q in program.states], "x": (),
         "p": [p.symbol for p in program.parameters],
     }  # fmt: skip
-    return tuple(found), leaf_of(arrays, numbers)
+    return tuple(placed), leaf_of(arrays, numbers)
 
 
 def numbers_of(shape: Shape) -> tuple[sp.Expr, ...]:

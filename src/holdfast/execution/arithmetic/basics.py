@@ -14,15 +14,15 @@ Point = tuple[Value, Value]
 
 def nearest_on_walls(x: Value, y: Value, *ends: Value) -> tuple[Value, ...]:
     """The point of the walls that is nearest to (x, y)."""
-    found, least = (x, y), x.steps.constant(float("inf"), FLOAT)
+    nearest, least = (x, y), x.steps.constant(float("inf"), FLOAT)
     for ax, ay, bx, by in _walls(ends):
         s, _ = _foot(x, y, ax, ay, bx, by)
         at = (ax + s * (bx - ax), ay + s * (by - ay))
         squared = (x - at[0]) * (x - at[0]) + (y - at[1]) * (y - at[1])
         nearer = squared < least
-        found = (choose(nearer, at[0], found[0]), choose(nearer, at[1], found[1]))
+        nearest = (choose(nearer, at[0], nearest[0]), choose(nearer, at[1], nearest[1]))
         least = choose(nearer, squared, least)
-    return found
+    return nearest
 
 
 def nearest_face(x: Value, y: Value, *ends: Value) -> tuple[Value, ...]:
@@ -34,7 +34,7 @@ def nearest_face(x: Value, y: Value, *ends: Value) -> tuple[Value, ...]:
     """
     zero, one = (x.steps.constant(c, FLOAT) for c in (0.0, 1.0))
     least, side = x.steps.constant(float("inf"), FLOAT), one
-    found: tuple[Value, ...] = (one, zero, zero, zero, zero)
+    face: tuple[Value, ...] = (one, zero, zero, zero, zero)
     for ax, ay, bx, by in _walls(ends):
         dx, dy = bx - ax, by - ay
         s, squared = _foot(x, y, ax, ay, bx, by)
@@ -44,13 +44,13 @@ def nearest_face(x: Value, y: Value, *ends: Value) -> tuple[Value, ...]:
         corner = choose(last, bx, ax), choose(last, by, ay)
         nearer = squared < least
         here = (choose(within, 1.0, -1.0), *corner, dy / size, -dx / size)
-        found = tuple(choose(nearer, new, old) for new, old in zip(here, found, strict=True))
+        face = tuple(choose(nearer, new, old) for new, old in zip(here, face, strict=True))
         least = choose(nearer, squared, least)
         turn = _turn(ax, ay, bx, by, x, y)
         upwards = (ay <= y) & (by > y) & (turn > 0.0)
         downwards = (by <= y) & (ay > y) & (turn < 0.0)
         side = choose(upwards | downwards, -side, side)
-    kind, *rest = found
+    kind, *rest = face
     return (kind, side, *rest)
 
 
@@ -61,7 +61,7 @@ def nearest_to_sight(ax: Value, ay: Value, bx: Value, by: Value, *ends: Value) -
     """
     zero, one = (ax.steps.constant(c, FLOAT) for c in (0.0, 1.0))
     infinite = ax.steps.constant(float("inf"), FLOAT)
-    found: tuple[Value, ...] = (zero, ax, ay, one)
+    nearest: tuple[Value, ...] = (zero, ax, ay, one)
     least = infinite
     for px, py, qx, qy in _walls(ends):
         turns = _turn(ax, ay, bx, by, px, py), _turn(ax, ay, bx, by, qx, qy)
@@ -78,9 +78,11 @@ def nearest_to_sight(ax: Value, ay: Value, bx: Value, by: Value, *ends: Value) -
             s, squared = _foot(x, y, ax, ay, bx, by)
             at, shortest = _nearer((s, x, y), squared, at, shortest)
         nearer = side * shortest < least
-        found = tuple(choose(nearer, new, old) for new, old in zip((*at, side), found, strict=True))
+        nearest = tuple(
+            choose(nearer, new, old) for new, old in zip((*at, side), nearest, strict=True)
+        )
         least = choose(nearer, side * shortest, least)
-    return found
+    return nearest
 
 
 def _walls(ends: Sequence[Value]) -> list[Sequence[Value]]:

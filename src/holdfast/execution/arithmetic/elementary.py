@@ -104,9 +104,9 @@ def logarithm(x: Value) -> Value:
     g = LOGARITHM
     r = w * (g[1] + w * (g[3] + w * g[5])) + z * (g[0] + w * (g[2] + w * (g[4] + w * g[6])))
     half = 0.5 * f * f
-    found = k * LN2[0] - ((half - (s * (half + r) + k * LN2[1])) - f)
-    found = choose(x.equals(0.0), -INF, choose(x < 0.0, NAN, found))
-    return choose(x < INF, found, x + 0.0)
+    log = k * LN2[0] - ((half - (s * (half + r) + k * LN2[1])) - f)
+    log = choose(x.equals(0.0), -INF, choose(x < 0.0, NAN, log))
+    return choose(x < INF, log, x + 0.0)
 
 
 def _both_exponentials(x: Value) -> tuple[Pair, Pair, Value]:
@@ -178,8 +178,8 @@ def hyperbolic_tangent(x: Value) -> Value:
     more = (((2.0 - p) - e) - q * rest) / total
     one, less = ordered_sum(x.steps.constant(1.0, "float"), -q)
     large = with_sign_of(one + (less - more), x)
-    found = choose(size < 0.625, choose(x.equals(0.0), x, small), large)
-    return choose(x.differs(x), x, found)
+    tanh = choose(size < 0.625, choose(x.equals(0.0), x, small), large)
+    return choose(x.differs(x), x, tanh)
 
 
 # -- x^y --------------------------------------------------------------------------------
@@ -232,8 +232,8 @@ def _binary_logarithm(x: Value) -> Pair:
     high = c[1] * p_high
     low = c[2] * p_high + p_low * c[0] + choose(some, LOG2_OF_3_2[1], 0.0)
     more = choose(some, LOG2_OF_3_2[0], 0.0)
-    found = _upper(((high + low) + more) + n)
-    return found, low - (((found - n) - more) - high)
+    leading = _upper(((high + low) + more) + n)
+    return leading, low - (((leading - n) - more) - high)
 
 
 @Function
@@ -260,21 +260,21 @@ def power(x: Value, y: Value) -> Value:
     p = EXPONENTIAL
     t = z - t * (p[0] + t * (p[1] + t * (p[2] + t * (p[3] + t * p[4]))))
     r = (z * t) / (t - 2.0) - (rest + z * rest)
-    found = scaled(1.0 - (r - z), n)
-    found = choose(over, INF, choose(under, 0.0, found))
+    raised = scaled(1.0 - (r - z), n)
+    raised = choose(over, INF, choose(under, 0.0, raised))
     # the conventions
     whole = floor(y).equals(y) & (abs(y) < INF)
     odd = whole & ~(floor(0.5 * y) * 2.0).equals(y)
     negative = (bits(x) >> 63).equals(1)
     grows = choose(y > 0.0, size, choose(size.equals(0.0), INF, choose(size < INF, 1.0, 0.0)))
-    found = choose(size.equals(0.0) | ~(size < INF), grows, found)
+    raised = choose(size.equals(0.0) | ~(size < INF), grows, raised)
     same = ((size > 1.0) & (y > 0.0)) | ((size < 1.0) & (y < 0.0))
     large = choose(same, INF, 0.0)
-    found = choose(abs(y).equals(INF), choose(size.equals(1.0), 1.0, large), found)
-    found = choose(negative & odd, -found, found)
-    found = choose((x < 0.0) & (x > -INF) & ~whole & (abs(y) < INF), NAN, found)
-    found = choose(x.differs(x) | y.differs(y), x + y, found)
-    return choose(x.equals(1.0) | y.equals(0.0), 1.0, found)
+    raised = choose(abs(y).equals(INF), choose(size.equals(1.0), 1.0, large), raised)
+    raised = choose(negative & odd, -raised, raised)
+    raised = choose((x < 0.0) & (x > -INF) & ~whole & (abs(y) < INF), NAN, raised)
+    raised = choose(x.differs(x) | y.differs(y), x + y, raised)
+    return choose(x.equals(1.0) | y.equals(0.0), 1.0, raised)
 
 
 MEDIUM = 823549.0
@@ -499,9 +499,9 @@ def _angle(y: Value, y_rest: Value, x: Value, x_rest: Value) -> Value:
     total, first = exact_sum(base, signed(near))
     total, second = exact_sum(total, signed(w))
     less = near_rest + ((rest - rest * z) - w * (even + odd))
-    found = total + (first + second + (base_rest + signed(less)))
-    found = from_bits(bits(abs(found)) | (bits(y) & SIGN))
-    return choose(x.differs(x) | y.differs(y), x + y, found)
+    angle = total + (first + second + (base_rest + signed(less)))
+    angle = from_bits(bits(abs(angle)) | (bits(y) & SIGN))
+    return choose(x.differs(x) | y.differs(y), x + y, angle)
 
 
 @Function

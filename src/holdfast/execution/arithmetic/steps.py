@@ -143,30 +143,32 @@ class Steps:
         self.list: list[Step] = []
         self._known: dict[Any, Value] = {}
 
-    def step(self, operation: str, *arguments: Value, given: Any = None, kind: str = "") -> Value:
+    def step(
+        self, operation: str, *arguments: Value, immediate: Any = None, kind: str = ""
+    ) -> Value:
         """The value of an operation; `kind` is that of the result, if it is open."""
         for a in arguments:
             if a.steps is not self:
                 raise ValueError("a value of other steps")
         numbers = tuple([a.number for a in arguments])
-        key = (operation, numbers, kind, _key(given))
-        found = self._known.get(key)
-        if found is None:
+        key = (operation, numbers, kind, _key(immediate))
+        value = self._known.get(key)
+        if value is None:
             settled = kind or _kind(operation, arguments)
-            found = self._known[key] = Value(self, len(self.list), settled)
-            self.list.append(Step(operation, numbers, settled, given))
-        return found
+            value = self._known[key] = Value(self, len(self.list), settled)
+            self.list.append(Step(operation, numbers, settled, immediate))
+        return value
 
     def input(self, name: str, kind: str = FLOAT) -> Value:
         """A value that the caller gives."""
-        return self.step("input", given=name, kind=kind)
+        return self.step("input", immediate=name, kind=kind)
 
     def constant(self, value: float | int, kind: str) -> Value:
         if kind == FLOAT:
-            return self.step("constant", given=float(value), kind=FLOAT)
+            return self.step("constant", immediate=float(value), kind=FLOAT)
         if kind != WHOLE or value != int(value):
             raise ValueError(f"{value!r} as {kind}")
-        return self.step("constant", given=int(value) % 2**64, kind=WHOLE)
+        return self.step("constant", immediate=int(value) % 2**64, kind=WHOLE)
 
     def lifted(self, operand: Operand, kind: str) -> Value:
         return operand if isinstance(operand, Value) else self.constant(operand, kind)
@@ -175,28 +177,30 @@ class Steps:
         self, when: Value, usual: tuple[Value, ...], function: Function, *arguments: Value
     ) -> tuple[Value, ...]:
         """The results of `function` where `when` is true, else the usual ones."""
-        whole = self.step("rare", when, *usual, *arguments, given=function, kind="several")
+        whole = self.step("rare", when, *usual, *arguments, immediate=function, kind="several")
         return self._results(whole, function.kinds)
 
     def call(self, function: Function, *arguments: Value) -> tuple[Value, ...]:
         """The results of a function that is called."""
-        whole = self.step("call", *arguments, given=function, kind="several")
+        whole = self.step("call", *arguments, immediate=function, kind="several")
         return self._results(whole, function.kinds)
 
-    def needed(self, results: Sequence[int], known: Collection[int] = ()) -> list[int]:
-        """The steps that the results depend on, in order; those of known values are not needed."""
-        found: set[int] = set()
+    def needed(self, results: Sequence[int], computed: Collection[int] = ()) -> list[int]:
+        """The steps that the results depend on, in order; those of computed ones are not."""
+        numbers: set[int] = set()
         waiting = list(results)
         while waiting:
             number = waiting.pop()
-            if number not in found:
-                found.add(number)
-                if number not in known:
+            if number not in numbers:
+                numbers.add(number)
+                if number not in computed:
                     waiting.extend(self.list[number].arguments)
-        return sorted(found)
+        return sorted(numbers)
 
     def _results(self, whole: Value, kinds: tuple[str, ...]) -> tuple[Value, ...]:
-        return tuple(self.step("result", whole, given=i, kind=kind) for i, kind in enumerate(kinds))
+        return tuple(
+            self.step("result", whole, immediate=i, kind=kind) for i, kind in enumerate(kinds)
+        )
 
 
 class Function:
@@ -213,14 +217,14 @@ class Function:
         values = [steps.lifted(a, FLOAT) for a in arguments]
         if steps.expanded:
             return self.definition(*values)
-        found = steps.call(self, *values)
-        return found if len(found) > 1 else found[0]
+        results = steps.call(self, *values)
+        return results if len(results) > 1 else results[0]
 
     def traced(self, expanded: bool) -> tuple[Steps, list[Value]]:
         """Its steps for inputs of the names of its parameters, and its results."""
         steps = Steps(expanded)
-        found = self.definition(*(steps.input(name) for name in self.parameters))
-        return steps, list(found) if isinstance(found, tuple) else [found]
+        results = self.definition(*(steps.input(name) for name in self.parameters))
+        return steps, list(results) if isinstance(results, tuple) else [results]
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
@@ -254,7 +258,7 @@ bits, from_bits = map(_operation, ("bits", "from_bits"))
 
 def entry(table: tuple[int, ...], place: Value) -> Value:
     """The entry of a table of integers; `place` is within it."""
-    return place.steps.step("entry", place, given=table, kind=WHOLE)
+    return place.steps.step("entry", place, immediate=table, kind=WHOLE)
 
 
 _KINDS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -279,8 +283,8 @@ def _kind(operation: str, arguments: tuple[Value, ...]) -> str:
     return result
 
 
-def _key(given: Any) -> Any:
-    return struct.pack("<d", given) if isinstance(given, float) else given
+def _key(immediate: Any) -> Any:
+    return struct.pack("<d", immediate) if isinstance(immediate, float) else immediate
 
 
 SPLIT = 134217729.0

@@ -59,12 +59,12 @@ _CALLED_BY_SCALARS = {
 _ATOM, _PREFIX = 9, 7
 
 
-def scalars_c(known: Scalars, roots: Sequence[str]) -> str:
+def scalars_c(library: Scalars, roots: Sequence[str]) -> str:
     """The text of these functions and of those that they call, named hf_ and their name.
 
     An entry of a `Table` has the type hf_table, which the text before it has to define.
     """
-    text = "\n".join(_Printer(known, f).text() for f in known.needed(roots))
+    text = "\n".join(_Printer(library, f).text() for f in library.needed(roots))
     helpers = [f"static {body}\n" for name, body in _HELPERS.items() if f"hf_{name}(" in text]
     return "\n".join([*helpers, text])
 
@@ -80,8 +80,8 @@ _HELPERS = {
 
 
 class _Printer:
-    def __init__(self, known: Scalars, function: ScalarFunction) -> None:
-        self.known, self.function = known, function
+    def __init__(self, library: Scalars, function: ScalarFunction) -> None:
+        self.known, self.function = library, function
         self.lines: list[str] = []
         self.depth = 1
 
@@ -103,13 +103,13 @@ class _Printer:
 
     def _head(self) -> None:
         """The variables, a line for each kind."""
-        found: dict[str, list[str]] = {}
+        by_type: dict[str, list[str]] = {}
         for name, kind in self.function.variables.items():
             of = self._declared(name)[: -len(name)]
             zero = "NULL" if kind in ARRAYS else "0.0" if kind == FLOAT_KIND else "0"
             star = "*" if kind in ARRAYS else ""
-            found.setdefault(of.rstrip("*"), []).append(f"{star}{name} = {zero}")
-        for of, names in found.items():
+            by_type.setdefault(of.rstrip("*"), []).append(f"{star}{name} = {zero}")
+        for of, names in by_type.items():
             self._line(f"{of}{', '.join(names)};")
 
     # -- statements
@@ -241,16 +241,16 @@ def _number(value: float) -> str:
 def _folded(line: str, width: int = 100) -> list[str]:
     """The line, or several that end after a comma or before an operator."""
     indent = " " * (len(line) - len(line.lstrip()) + 8)
-    found = []
+    lines = []
     while len(line) > width:
         ends = [line.rfind(", ", 0, width) + 1]
         ends += [line.rfind(f" {op} ", 0, width) for op in ("&&", "||", "?", ":", "+", "-", ">")]
         cut = max(ends)
         if cut <= len(indent):
             break
-        found.append(line[:cut].rstrip())
+        lines.append(line[:cut].rstrip())
         line = indent + line[cut:].lstrip()
-    return [*found, line]
+    return [*lines, line]
 
 
 def _wrapped(text: str) -> list[str]:
@@ -301,20 +301,20 @@ def c_body(
     return "\n".join(lines)
 
 
-def c_functions(text: str, known: Iterable[Function]) -> str:
-    """The functions of those known that a text calls, each before those that call it."""
-    found: dict[str, str] = {}
-    by_name = {f"hf_{function.name}(": function for function in known}
+def c_functions(text: str, functions: Iterable[Function]) -> str:
+    """Those of the functions that a text calls, each before those that call it."""
+    definitions: dict[str, str] = {}
+    by_name = {f"hf_{function.name}(": function for function in functions}
 
     def add(text: str) -> None:
         for call, function in by_name.items():
-            if call in text and function.name not in found:
+            if call in text and function.name not in definitions:
                 whole = _definition(function)
                 add(whole.partition("{\n")[2])
-                found[function.name] = whole
+                definitions[function.name] = whole
 
     add(text)
-    return "".join(f"{body}\n\n" for body in found.values())
+    return "".join(f"{body}\n\n" for body in definitions.values())
 
 
 def _definition(function: Function) -> str:
@@ -360,11 +360,11 @@ class Body:
         self.tables: dict[tuple[int, ...], str] = {}
         self.texts: dict[int, tuple[str, int]] = {}
         numbers = steps.needed([v.number for v in results], read)
-        own = [n for n in numbers if n not in read]
-        self.uses = Counter(k for n in own for k in steps.list[n].arguments)
+        computed = [n for n in numbers if n not in read]
+        self.uses = Counter(k for n in computed for k in steps.list[n].arguments)
         self.uses.update({v.number for v in results})
         self.texts |= {n: (read[n], ATOM) for n in numbers if n in read}
-        for number in own:
+        for number in computed:
             step = steps.list[number]
             text, binding = self._one(number, step)
             simple = step.operation in ("input", "constant", "result") or step.kind == "several"
@@ -388,8 +388,8 @@ class Body:
             return self.inputs.get(step.given, str(step.given)), ATOM
         if operation == "constant":
             return _constant(step, single=self.real == "float")
-        if self.fused and (found := self._in_one(step)):
-            return found, ATOM
+        if self.fused and (fused := self._in_one(step)):
+            return fused, ATOM
         if operation in _BINARY:
             sign, binding = _BINARY[operation]
             if not binding:
@@ -416,12 +416,12 @@ class Body:
         """A sum or a difference of which one side is a product that nothing else needs."""
         if step.operation not in ("add", "sub"):
             return ""
-        for own, other in (step.arguments, step.arguments[::-1]):
-            product = self.steps.list[own]
-            if product.operation == "mul" and self.uses[own] == 1:
+        for side, other in (step.arguments, step.arguments[::-1]):
+            product = self.steps.list[side]
+            if product.operation == "mul" and self.uses[side] == 1:
                 first, second = (self.text(k) for k in product.arguments)
                 rest = self.text(other, ATOM)
-                if step.operation == "sub" and own == step.arguments[0]:
+                if step.operation == "sub" and side == step.arguments[0]:
                     rest = f"-{rest}"
                 elif step.operation == "sub":
                     first = f"-({first})"
@@ -442,23 +442,23 @@ class Body:
     def _several(self, number: int, step: Step) -> tuple[str, int]:
         """A call, or a rare case, whose results are variables of their own."""
         function: Function = step.given
-        own = [f"c_{number}_{i}" for i in range(len(function.kinds))]
+        names = [f"c_{number}_{i}" for i in range(len(function.kinds))]
         a = list(step.arguments)
-        outputs = "".join(f", &{name}" for name in own)
+        outputs = "".join(f", &{name}" for name in names)
         if step.operation == "call":
             arguments = ", ".join(map(self.text, a))
-            if len(own) == 1:
-                self._line(f"const double {own[0]} = hf_{function.name}({arguments});")
-                return own[0], ATOM
-            for name, kind in zip(own, function.kinds, strict=True):
+            if len(names) == 1:
+                self._line(f"const double {names[0]} = hf_{function.name}({arguments});")
+                return names[0], ATOM
+            for name, kind in zip(names, function.kinds, strict=True):
                 self._line(f"{_KINDS[kind]} {name};")
             self._line(f"hf_{function.name}({arguments}{outputs});")
-            return own[0], ATOM
-        for name, kind, usual in zip(own, function.kinds, a[1:], strict=False):
+            return names[0], ATOM
+        for name, kind, usual in zip(names, function.kinds, a[1:], strict=False):
             self._line(f"{_KINDS[kind]} {name} = {self.text(usual)};")
-        arguments = ", ".join(map(self.text, a[1 + len(own) :]))
+        arguments = ", ".join(map(self.text, a[1 + len(names) :]))
         self._line(f"if ({self.text(a[0])}) hf_{function.name}({arguments}{outputs});")
-        return own[0], ATOM
+        return names[0], ATOM
 
     def _walls(self, step: Step) -> str:
         """One of the results of a function of coordinates and of all walls."""

@@ -69,13 +69,13 @@ def c_needed(name: str, text: str) -> str:
 
     Compilers warn of unused functions. Blank lines stand only between functions.
     """
-    found: list[str] = []
+    blocks: list[str] = []
     for block in reversed(c_file(name).split("\n\n")):
         defined = re.search(r"^static .*?(\w+)\(", block, re.MULTILINE)
         if defined and re.search(rf"\b{defined[1]}\(", text):
-            found.insert(0, block.rstrip("\n"))
+            blocks.insert(0, block.rstrip("\n"))
             text += block
-    return "".join(f"{block}\n\n" for block in found)
+    return "".join(f"{block}\n\n" for block in blocks)
 
 
 def c_own(text: str, name: str) -> str:
@@ -300,8 +300,8 @@ class CTable:
         )
 
 
-def _placed(axes: int, kept: str) -> str:
-    return f"    double place[{axes}];\n    hf_place(t, seen, {kept}, p, place);\n"
+def _placed(axes: int, memory: str) -> str:
+    return f"    double place[{axes}];\n    hf_place(t, seen, {memory}, p, place);\n"
 
 
 def _unloaded(name: str) -> str:
@@ -553,7 +553,7 @@ class _File:
     def _helpers(self, functions: str) -> list[str]:
         """The helper functions that the functions call."""
         called = c_functions(functions, FUNCTIONS)
-        found = [
+        texts = [
             c_needed("arithmetic", functions + called),
             called,
             c_needed("walls", functions),
@@ -561,10 +561,10 @@ class _File:
         guards = self.program.safeguards.values()
         scalar = sorted({_keeper(g) for g in guards})
         if self.table is not None:
-            found.append(self.table.text)
+            texts.append(self.table.text)
             scalar += self.table.needed
-        found.append(scalars_c(scalars("simulation/parts"), scalar))
-        return [text for text in found if text]
+        texts.append(scalars_c(scalars("simulation/parts"), scalar))
+        return [text for text in texts if text]
 
     def _unpack(self) -> dict[str, Sequence[sp.Symbol]]:
         return {
@@ -689,15 +689,15 @@ class _File:
             remember = "    hf_remember(t, sample_time, seen, actuators, p, s->kept);\n"
         if self.table is not None:
             asked, begin = self.table.asked, self.table.guard + begin
-        told, upper = "", self.name.upper()
+        preamble, upper = "", self.name.upper()
         if self.program.handed:  # the functions of the law find it behind what is seen
-            told = f"    double told[{upper}_SEEN + {upper}_HANDED];\n"
+            preamble = f"    double told[{upper}_SEEN + {upper}_HANDED];\n"
             for name, at in (("seen", ""), ("handed", f" + {upper}_SEEN")):
                 size = f"sizeof(double) * {upper}_{name.upper()}"
-                told += f"    memcpy(told{at}, {name}, {size});\n"
-            told += "    seen = told;\n"
+                preamble += f"    memcpy(told{at}, {name}, {size});\n"
+            preamble += "    seen = told;\n"
         body = (
-            f" {{\n{told}{begin}    s->begun = 1;\n"
+            f" {{\n{preamble}{begin}    s->begun = 1;\n"
             "    int mode = hf_next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"
             "    if (mode != s->mode) {\n        s->mode = mode;\n        s->since = t;\n    }\n"
             f"{asked}    s->slack = hf_law(t, sample_time, seen, s->kept, mode, p, command);\n"

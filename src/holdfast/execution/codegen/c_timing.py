@@ -56,14 +56,14 @@ def time_law(
     names = {"NAME": c_name(name), "UPPER": c_name(name).upper()}
     loaded = f"\nstatic int loaded(void) {{ return NAME_load({json.dumps(str(table))}); }}\n"
     loaded = loaded if table else "\nstatic int loaded(void) { return 0; }\n"
-    main = re.sub("|".join(names), lambda found: names[found[0]], loaded + c_file("timing"))
+    main = re.sub("|".join(names), lambda match: names[match[0]], loaded + c_file("timing"))
     with tempfile.TemporaryDirectory(prefix="holdfast-") as folder:
         source, program, data = (Path(folder) / n for n in ("law.c", "law", "rows"))
         source.write_text(text + main, encoding="utf-8")
         data.write_bytes(rows.tobytes())
         _done([compiler, *OPTIONS, str(source), "-o", str(program), "-lm"])
-        told = _done([str(program), str(data), *map(str, rows.shape), repr(float(sample_time))])
-    return Timing(float(told), f"{Path(compiler).name} {OPTIONS[-1]}")
+        printed = _done([str(program), str(data), *map(str, rows.shape), repr(float(sample_time))])
+    return Timing(float(printed), f"{Path(compiler).name} {OPTIONS[-1]}")
 
 
 def timed_rows(
@@ -71,8 +71,8 @@ def timed_rows(
 ) -> npt.NDArray[np.float64]:
     """Rows (1 at the start of a run else 0, time, state); shape (rows, 2 + states)."""
     begins = np.broadcast_to(np.arange(len(times)) == 0, states.shape[:2])
-    found = np.dstack([begins, np.broadcast_to(times, states.shape[:2]), states])
-    return np.ascontiguousarray(found[np.isfinite(states).all(axis=2)], dtype=np.float64)
+    rows = np.dstack([begins, np.broadcast_to(times, states.shape[:2]), states])
+    return np.ascontiguousarray(rows[np.isfinite(states).all(axis=2)], dtype=np.float64)
 
 
 def _done(command: list[str]) -> str:

@@ -120,10 +120,10 @@ class ControllerProgram:
     @property
     def transitions(self) -> dict[str, list[tuple[sp.Expr, int]]]:
         """Every mode that can be left: its guards with the numbers of their targets, in order."""
-        found: dict[str, list[tuple[sp.Expr, int]]] = {name: [] for name in self.modes}
+        by_source: dict[str, list[tuple[sp.Expr, int]]] = {name: [] for name in self.modes}
         for x in self.switching.transitions:
-            found[x.source].append((x.when, self.modes.index(x.target)))
-        return {name: leaving for name, leaving in found.items() if leaving}
+            by_source[x.source].append((x.when, self.modes.index(x.target)))
+        return {name: leaving for name, leaving in by_source.items() if leaving}
 
     @property
     def initial_memory(self) -> list[sp.Expr]:
@@ -268,36 +268,37 @@ def felt_disturbance(
 
     Raises `SimulationError` for an expression of anything but t, states and parameters.
     """
-    own = [sp.sympify(disturbance.get(q.name, 0)) for q in system.disturbances]
-    states, known = {q.symbol for q in system.states}, set(parameters)
-    for q, expression in zip(system.disturbances, own, strict=True):
-        unknown = sorted(map(str, expression.free_symbols - known - states - {TIME}))
+    expressions = [sp.sympify(disturbance.get(q.name, 0)) for q in system.disturbances]
+    states, declared = {q.symbol for q in system.states}, set(parameters)
+    for q, expression in zip(system.disturbances, expressions, strict=True):
+        unknown = sorted(map(str, expression.free_symbols - declared - states - {TIME}))
         if unknown:
             raise SimulationError(
                 f"disturbance '{q.name}' uses '{unknown[0]}'",
                 expected="an expression of t, states of the plant and declared parameters",
-                remedy=suggestion(unknown[0], sorted(map(str, known | states))),
+                remedy=suggestion(unknown[0], sorted(map(str, declared | states))),
             )
     names = [q.name for q in system.disturbances]
     numbers = [
-        n in disturbance and e.is_Number and e.is_finite for n, e in zip(names, own, strict=True)
+        n in disturbance and e.is_Number and e.is_finite
+        for n, e in zip(names, expressions, strict=True)
     ]
-    used = set().union(*(e.free_symbols for e in own)) if own else set()
+    used = set().union(*(e.free_symbols for e in expressions)) if expressions else set()
     of_state = bool(used & states)
     as_symbols = {n: sp.Symbol(f"_given_{n}", real=True) for n in names}  # no user name begins so
     return FeltDisturbance(
         expressions=tuple(
             as_symbols[n] if is_number else e
-            for n, e, is_number in zip(names, own, numbers, strict=True)
+            for n, e, is_number in zip(names, expressions, numbers, strict=True)
         ),
         given={
             as_symbols[n]: float(e)
-            for n, e, is_number in zip(names, own, numbers, strict=True)
+            for n, e, is_number in zip(names, expressions, numbers, strict=True)
             if is_number
         },
         in_run=of_state or TIME in used,
         of_state=of_state,
-        bounded=len(own) if of_state and system.disturbance_bounds is not None else 0,
+        bounded=len(expressions) if of_state and system.disturbance_bounds is not None else 0,
     )
 
 
@@ -315,22 +316,22 @@ def with_shared_rows(
     prepared: the leaves whose parameters are rows of a block. users: the leaves that are computed
     at a sample, each with who uses it; what two users need is shared.
     """
-    found = dict(leaves)
+    rewritten = dict(leaves)
     steps = next(iter(leaves.values())).steps
     about = _About(steps)
     ready = [name for name in prepared if name in leaves]
     constant = {
-        k for name in ready for k in _needed(found[name]) if about.is_prepared(k)
+        k for name in ready for k in _needed(rewritten[name]) if about.is_prepared(k)
     }  # fmt: skip
-    _cut(found, ready, constant, about, PREPARED, "p", ("p",))
+    _cut(rewritten, ready, constant, about, PREPARED, "p", ("p",))
     sharing = [name for name in users if name in leaves]
     by: dict[int, set[object]] = defaultdict(set)
     for name in sharing:
-        for k in _needed(found[name]):
+        for k in _needed(rewritten[name]):
             by[k].add(users[name])
-    common = {k for k, own in by.items() if len(own) > 1 and "x" not in about.reads[k]}
-    _cut(found, sharing, common, about, SHARED, "q", ("t", "q", "p"))
-    return found
+    common = {k for k, owners in by.items() if len(owners) > 1 and "x" not in about.reads[k]}
+    _cut(rewritten, sharing, common, about, SHARED, "q", ("t", "q", "p"))
+    return rewritten
 
 
 class _About:
@@ -342,8 +343,8 @@ class _About:
         self.costly: list[bool] = []
         self.size: list[int] = []
         for step in self.list:
-            own = frozenset(step.given[0]) if step.operation == "input" else frozenset()
-            self.reads.append(own.union(*(self.reads[a] for a in step.arguments)))
+            arrays = frozenset(step.given[0]) if step.operation == "input" else frozenset()
+            self.reads.append(arrays.union(*(self.reads[a] for a in step.arguments)))
             below = [self.costly[a] for a in step.arguments]
             self.costly.append(step.operation in COSTLY or any(below))
             work = step.operation not in ("input", "constant")
@@ -380,15 +381,15 @@ def _cut(
         return
     some = leaves[names[0]]
     values = [Value(some.steps, k, FLOAT) for k in rows]
-    given = {a: next(v for n in names if (v := leaves[n].arguments[a])) for a in arguments}
-    given |= {a: () for a in some.arguments if a not in given}
-    order = {a: given[a] for a in some.arguments}
+    inputs = {a: next(v for n in names if (v := leaves[n].arguments[a])) for a in arguments}
+    inputs |= {a: () for a in some.arguments if a not in inputs}
+    order = {a: inputs[a] for a in some.arguments}
     read = {k: row for n in names for k, row in leaves[n].read.items()}
     for name in names:
         leaf = leaves[name]
         behind = {
             **leaf.arguments,
-            array: (*(leaf.arguments[array] or given[array]), *rows.values()),
+            array: (*(leaf.arguments[array] or inputs[array]), *rows.values()),
         }
         leaves[name] = replace(leaf, arguments=behind, read={**leaf.read, **rows})
     leaves[new] = Leaf(some.steps, order, values, read=read)
@@ -668,7 +669,7 @@ def _leaves(
     ) -> Leaf:
         return leaf_of({"t": (TIME,), "q": q, "x": x, "p": p}, results, steps=steps)
 
-    found = {
+    leaves = {
         "rates": leaf(rates, q, u),
         "felt": leaf(measured, q if felt.of_state else ()),
         "disturbance": leaf(felt.expressions, q if felt.of_state else ()),
@@ -686,16 +687,16 @@ def _leaves(
     asked = exchanged(controller.allocated(), dict(zip(p, believed, strict=True)))
     limited = exchanged(controller.limited(), dict(zip(requested, asked, strict=True)))
     done = exchanged(controller.produced(), dict(zip(requested, limited, strict=True)))
-    found["actuate"] = leaf([*asked, *limited, *done], u, believed)
+    leaves["actuate"] = leaf([*asked, *limited, *done], u, believed)
     for number, mode in enumerate(controller.modes):
         guard = controller.safeguards.get(mode)
         rows = guard.rows(system.input_names) if guard else []
-        found[f"law{number}"] = leaf([*controller.commands(mode), *rows], seen, look)
+        leaves[f"law{number}"] = leaf([*controller.commands(mode), *rows], seen, look)
         levels = [when for when, _ in controller.transitions.get(mode, ())]
-        found[f"guards{number}"] = leaf(levels, seen, (TIME_IN_MODE,))
-    found = {name: one for name, one in found.items() if one.results}
+        leaves[f"guards{number}"] = leaf(levels, seen, (TIME_IN_MODE,))
+    leaves = {name: one for name, one in leaves.items() if one.results}
     plant = ("rates", "constraints", "constraint_rates", "goal")
     numbers = range(len(controller.modes))
     users: dict[str, object] = {f"{kind}{k}": k for kind in ("law", "guards") for k in numbers}
     users |= {name: name for name in ("places", "signals", "remember")}
-    return with_shared_rows(found, (*plant, *users), users)
+    return with_shared_rows(leaves, (*plant, *users), users)

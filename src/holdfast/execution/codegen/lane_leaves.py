@@ -85,8 +85,8 @@ def two_uniforms(
 
 def normal(a: Value, b: Value) -> Value:
     """A normal number of mean 0 and variance 1, from two uniform ones (Box and Muller)."""
-    found: Value = root(-2.0 * logarithm(a)) * sine_and_cosine(2.0 * math.pi * b)[1]
-    return found
+    deviate: Value = root(-2.0 * logarithm(a)) * sine_and_cosine(2.0 * math.pi * b)[1]
+    return deviate
 
 
 CLOCK = (
@@ -117,7 +117,7 @@ def step_leaves(
 ) -> dict[str, Leaf]:
     """The leaves of a method with the weights a, b and b - b_low, for so many quantities."""
     n, stages = states, len(b)
-    found = {
+    leaves = {
         "clock": made(_sampled, t=len(CLOCK)),
         "start": made(_start, t=len(CLOCK)),
         "lengths": made(_lengths, t=len(CLOCK)),
@@ -133,8 +133,8 @@ def step_leaves(
         "take": made(_accept, t=len(CLOCK), q=2 * constraints, x=2 * constraints),
     }
     for k in range(1, stages):
-        found[f"stage{k}"] = made(_stage(a[k], c[k], n), t=len(CLOCK), q=n, x=k * n)
-    return {name: leaf for name, leaf in found.items() if leaf.results}
+        leaves[f"stage{k}"] = made(_stage(a[k], c[k], n), t=len(CLOCK), q=n, x=k * n)
+    return {name: leaf for name, leaf in leaves.items() if leaf.results}
 
 
 def note_leaves(actuation: int, peaks: Sequence[int], bounded: int = 0) -> dict[str, Leaf]:
@@ -155,7 +155,9 @@ def made(results: Results, **rows: int) -> Leaf:
     """The leaf with these results of arrays with so many rows."""
     steps = Steps(expanded=True)
     names = {array: [f"{array}{i}" for i in range(rows.get(array, 0))] for array in "tqxp"}
-    values = {array: [steps.input(name) for name in own] for array, own in names.items()}
+    values = {
+        array: [steps.input(name) for name in row_names] for array, row_names in names.items()
+    }
     return Leaf(steps, names, results(steps, values))
 
 
@@ -258,15 +260,15 @@ def _judge(gap: Sequence[float], n: int, order: int) -> Results:
 
 def _sum(weights: Sequence[float], stages: Sequence[Value], n: int) -> list[Value]:
     """weights . stages, without the terms of weight 0."""
-    found = []
+    sums = []
     for i in range(n):
         total: Value | None = None
         for k, weight in enumerate(weights):
             if weight != 0.0:
                 term = weight * stages[k * n + i]
                 total = term if total is None else total + term
-        found.append(stages[0].steps.constant(0.0, FLOAT) if total is None else total)
-    return found
+        sums.append(stages[0].steps.constant(0.0, FLOAT) if total is None else total)
+    return sums
 
 
 def _stage(weights: Sequence[float], c: float, n: int) -> Results:
@@ -295,10 +297,10 @@ def _new(weights: Sequence[float], n: int) -> Results:
 
 
 def all_below(values: Sequence[Value], bound: float) -> Value:
-    found = abs(values[0]) < bound
+    below = abs(values[0]) < bound
     for value in values[1:]:
-        found = found & (abs(value) < bound)
-    return found
+        below = below & (abs(value) < bound)
+    return below
 
 
 def _accept(steps: Steps, values: Rows) -> list[Value]:
@@ -397,13 +399,13 @@ def crossing_leaves(states: int) -> dict[str, Leaf]:
 
     Most read the clock as t, the rows of `SEARCH` as q, and c_j at the fraction as x.
     """
-    found = {
+    leaves = {
         "between": made(_between, t=len(CLOCK), q=2 * states, x=2 * states, p=1),
         "raise": made(_raise, q=len(SEARCH), x=1, p=1),
     }
     for name, results in _RESULTS.items():
-        found[name] = made(results, t=len(CLOCK), q=len(SEARCH), x=1, p=1)
-    return found
+        leaves[name] = made(results, t=len(CLOCK), q=len(SEARCH), x=1, p=1)
+    return leaves
 
 
 def _between(steps: Steps, values: Rows) -> list[Value]:
@@ -567,30 +569,30 @@ def mode_leaves(
     switch_limit: changes of mode within a second beyond which a run chatters.
     """
     modes, safeguarded = len(targets), any(count for count, _ in conditions)
-    kept = 2 if safeguarded else 0
+    extra = 2 if safeguarded else 0
     rows = {"t": len(CLOCK), "q": len(SWITCHES), "x": len(TURNS)}
-    found = {}
+    leaves = {}
     if modes > 1:
-        found["where"] = made(_where(modes), **rows)
+        leaves["where"] = made(_where(modes), **rows)
     if any(targets):
-        found["changed"] = made(_changed, **rows)
-        found["switch"] = made(_switch(modes), **rows)
-        found["chatter"] = made(_chatter(switch_limit), **rows)
-    for k, own in enumerate(targets):
-        if own:
-            found[f"turn{k}"] = made(_turn(k, own), t=1, q=len(own), x=1)
+        leaves["changed"] = made(_changed, **rows)
+        leaves["switch"] = made(_switch(modes), **rows)
+        leaves["chatter"] = made(_chatter(switch_limit), **rows)
+    for k, of_mode in enumerate(targets):
+        if of_mode:
+            leaves[f"turn{k}"] = made(_turn(k, of_mode), t=1, q=len(of_mode), x=1)
     if modes > 1 or safeguarded:
         for k in range(modes):
-            found[f"blend{k}"] = made(_blend(k, inputs), t=1, q=2 * inputs + kept, x=inputs)
+            leaves[f"blend{k}"] = made(_blend(k, inputs), t=1, q=2 * inputs + extra, x=inputs)
     if safeguarded:
-        found["kept"] = made(_kept, t=len(CLOCK), q=5)
+        leaves["kept"] = made(_kept, t=len(CLOCK), q=5)
     for k, (count, _) in enumerate(conditions):
         if count:
             answer = inputs + count * (inputs + 1)
-            found[f"held{k}"] = made(
+            leaves[f"held{k}"] = made(
                 _held(k, inputs, count, bool(foresights[k])), t=len(CLOCK), q=answer, x=1
             )
-    return found
+    return leaves
 
 
 def _switching(values: Rows) -> dict[str, Value]:
@@ -617,11 +619,11 @@ def _turn(k: int, targets: Sequence[int]) -> Results:
     """The next mode x of lanes in mode k: the target of the first level q that is not negative."""
 
     def results(steps: Steps, values: Rows) -> list[Value]:
-        (mode,), (found,) = values["t"], values["x"]
+        (mode,), (next_mode,) = values["t"], values["x"]
         mine = mode.equals(float(k))
         for level, target in reversed(list(zip(values["q"], targets, strict=True))):
-            found = choose(mine & (level >= 0.0), float(target), found)
-        return [found]
+            next_mode = choose(mine & (level >= 0.0), float(target), next_mode)
+        return [next_mode]
 
     return results
 
@@ -729,12 +731,12 @@ def noise_leaf(states: int) -> Leaf:
     def results(steps: Steps, values: Rows) -> list[Value]:
         run, sample, *seed = values["t"]
         wide, deviations = values["p"][:states], values["p"][states:]
-        found = []
+        noisy = []
         for i, x in enumerate(values["x"]):
             a, _ = two_uniforms((seed[0], seed[1]), run, sample, i, UNIFORM)
             b, c = two_uniforms((seed[0], seed[1]), run, sample, i, NORMAL)
-            found.append(x + wide[i] * (2.0 * a - 1.0) + deviations[i] * normal(b, c))
-        return found
+            noisy.append(x + wide[i] * (2.0 * a - 1.0) + deviations[i] * normal(b, c))
+        return noisy
 
     return made(results, t=len(DRAW), x=states, p=2 * states)
 
@@ -753,11 +755,11 @@ def _uniform(count: int, purpose: int) -> Results:
     def results(steps: Steps, values: Rows) -> list[Value]:
         run, sample, *seed = values["t"]
         sample = steps.constant(0.0, FLOAT) if purpose == VARIED else sample
-        found = []
+        drawn = []
         for i in range(count):
             a, _ = two_uniforms((seed[0], seed[1]), run, sample, i, purpose)
             low, high = values["q"][i], values["x"][i]
-            found.append(low + a * (high - low))
-        return found
+            drawn.append(low + a * (high - low))
+        return drawn
 
     return results

@@ -109,7 +109,7 @@ def repeated(kind: Format, name: str, number: str) -> list[str]:
 class Body:
     """The lines of the steps that some results need.
 
-    given: the names of inputs that have one. letter: the first of the names of steps. label: of the
+    input_names: of the inputs that have one. letter: the first of the names of steps. label: of the
     block of instructions in which the lines begin, then of that in which they end.
     """
 
@@ -119,13 +119,13 @@ class Body:
         steps: Steps,
         results: Sequence[Value],
         form: Format | None = None,
-        given: Mapping[str, str] | None = None,
+        input_names: Mapping[str, str] | None = None,
         letter: str = "v",
         read: Mapping[int, str] = MappingProxyType({}),
         label: str = "loop",
     ) -> None:
         self.module, self.steps, self.form = module, steps, form or module.double
-        self.given, self.letter = given or {}, letter
+        self.given, self.letter = input_names or {}, letter
         self.lines: list[str] = []
         self.names: dict[int, str] = {}
         self.inputs: dict[str, int] = {}
@@ -200,17 +200,17 @@ class Body:
     def _entry(self, name: str, place: str, table: tuple[int, ...]) -> None:
         where = self.module.tables.setdefault(table, f"@table{len(self.module.tables)}")
         double = self.module.double
-        kind, found = double.vector(WHOLE), "zeroinitializer"
+        kind, partial = double.vector(WHOLE), "zeroinitializer"
         for lane in range(double.lanes):
-            own = f"{name}.{lane}"
-            self._line(f"{own}.i = extractelement {kind} {place}, i32 {lane}")
+            stem = f"{name}.{lane}"
+            self._line(f"{stem}.i = extractelement {kind} {place}, i32 {lane}")
             self._line(
-                f"{own}.p = getelementptr [{len(table)} x i64], ptr {where}, i64 0, i64 {own}.i"
+                f"{stem}.p = getelementptr [{len(table)} x i64], ptr {where}, i64 0, i64 {stem}.i"
             )
-            self._line(f"{own}.w = load i64, ptr {own}.p, align 8")
-            into = name if lane == double.lanes - 1 else f"{own}.v"
-            self._line(f"{into} = insertelement {kind} {found}, i64 {own}.w, i32 {lane}")
-            found = into
+            self._line(f"{stem}.w = load i64, ptr {stem}.p, align 8")
+            into = name if lane == double.lanes - 1 else f"{stem}.v"
+            self._line(f"{into} = insertelement {kind} {partial}, i64 {stem}.w, i32 {lane}")
+            partial = into
 
     def _rare(self, number: int, a: Sequence[str], step: Step) -> None:
         function: Function = step.given
@@ -222,24 +222,24 @@ class Body:
         several, truth = f"{{ {', '.join(kinds)} }}", double.vector(TRUTH)
         reduce = f"@llvm.vector.reduce.or.v{double.lanes}i1"
         self.module.intrinsics.add(f"declare i1 {reduce}({truth})")
-        given = ", ".join(f"{double.vector(FLOAT)} {x}" for x in arguments)
-        own, before = f"%{self.letter}{number}", self.label
-        self._line(f"{own}.any = call i1 {reduce}({truth} {when})")
+        operands = ", ".join(f"{double.vector(FLOAT)} {x}" for x in arguments)
+        name, before = f"%{self.letter}{number}", self.label
+        self._line(f"{name}.any = call i1 {reduce}({truth} {when})")
         place = f"{self.letter}{number}"
-        self._line(f"br i1 {own}.any, label %rare.{place}, label %join.{place}")
+        self._line(f"br i1 {name}.any, label %rare.{place}, label %join.{place}")
         self.lines.append(f"rare.{place}:")
-        self._line(f"{own}.all = call {several} @{function.name}({given})")
+        self._line(f"{name}.all = call {several} @{function.name}({operands})")
         for i, kind in enumerate(kinds):
-            self._line(f"{own}.{i}.new = extractvalue {several} {own}.all, {i}")
+            self._line(f"{name}.{i}.new = extractvalue {several} {name}.all, {i}")
             self._line(
-                f"{own}.{i}.one = select {truth} {when}, {kind} {own}.{i}.new, {kind} {usual[i]}"
+                f"{name}.{i}.one = select {truth} {when}, {kind} {name}.{i}.new, {kind} {usual[i]}"
             )
         self._line(f"br label %join.{place}")
         self.lines.append(f"join.{place}:")
         for i, kind in enumerate(kinds):
             self._line(
-                f"{own}.{i} = phi {kind} [ {usual[i]}, %{before} ], "
-                f"[ {own}.{i}.one, %rare.{place} ]"
+                f"{name}.{i} = phi {kind} [ {usual[i]}, %{before} ], "
+                f"[ {name}.{i}.one, %rare.{place} ]"
             )
         self.label = f"join.{place}"
 
@@ -307,8 +307,8 @@ def _leaf(module: Module, name: str, leaf: Leaf) -> str:
     body = Body(module, leaf.steps, leaf.results, kind, read=leaf.read)
     lines = []
     for array, inputs in leaf.arguments.items():
-        for row, given in enumerate(inputs):
-            number = body.inputs.get(given)
+        for row, input_name in enumerate(inputs):
+            number = body.inputs.get(input_name)
             if number is None:
                 continue
             if array in leaf.uniform:
@@ -319,13 +319,15 @@ def _leaf(module: Module, name: str, leaf: Leaf) -> str:
     lines += body.lines
     for row, value in enumerate(leaf.results):
         lines += _place("%out", row, f"o{row}", stored)
-        found = body.names[value.number]
+        register = body.names[value.number]
         if stored != kind.real:
             lines.append(
-                f"  %o{row}.v = fptrunc {kind.vector(FLOAT)} {found} to {_of(kind, stored)}"
+                f"  %o{row}.v = fptrunc {kind.vector(FLOAT)} {register} to {_of(kind, stored)}"
             )
-            found = f"%o{row}.v"
-        lines.append(f"  store {_of(kind, stored)} {found}, ptr %o{row}.at, align {_SIZE[stored]}")
+            register = f"%o{row}.v"
+        lines.append(
+            f"  store {_of(kind, stored)} {register}, ptr %o{row}.at, align {_SIZE[stored]}"
+        )
     arrays = "".join(f"ptr %{array}, " for array in leaf.arguments)
     return "\n".join(
         [
@@ -369,12 +371,12 @@ def _loaded(kind: Format, stored: str, place: str, name: str) -> list[str]:
 
 
 def _uniform(kind: Format, array: str, row: int, name: str) -> list[str]:
-    own = f"{name}.d"
+    scalar = f"{name}.d"
     lines = [
         f"  {name}.p = getelementptr double, ptr {array}, i64 {row}",
-        f"  {own} = load double, ptr {name}.p, align 8",
+        f"  {scalar} = load double, ptr {name}.p, align 8",
     ]
     if kind.real == "float":
-        lines.append(f"  {own}f = fptrunc double {own} to float")
-        own += "f"
-    return [*lines, *repeated(kind, name, own)]
+        lines.append(f"  {scalar}f = fptrunc double {scalar} to float")
+        scalar += "f"
+    return [*lines, *repeated(kind, name, scalar)]

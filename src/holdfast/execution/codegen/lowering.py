@@ -32,8 +32,8 @@ def lowered(
     exact = [sp.sympify(e) for e in expressions]
     if unknown := symbols_of(exact) - set(inputs):
         raise DefinitionError(f"the expression uses '{min(map(str, unknown))}'")
-    found = Lowering(steps, inputs)
-    return [found.value(e) for e in exact]
+    lowering = Lowering(steps, inputs)
+    return [lowering.value(e) for e in exact]
 
 
 def leaf_of(
@@ -96,8 +96,8 @@ class Lowering:
             values = [self.value(a) for a in e.args[1:]]
             if self.steps.expanded:
                 return function(*values)[int(e.args[0])]
-            given = (name, points, int(e.args[0]))
-            return self.steps.step(WALLS, *values, given=given, kind=FLOAT)
+            immediate = (name, points, int(e.args[0]))
+            return self.steps.step(WALLS, *values, immediate=immediate, kind=FLOAT)
         arguments = e.args[:2] if name in _GUARDED else e.args
         return self._function(name, e)(*map(self.value, arguments))
 
@@ -135,8 +135,8 @@ class Lowering:
                 factors.append(self._number(-factor))
             else:
                 factors.append(self.value(factor))
-        found = _in_turn(factors)
-        return -found if minus else found
+        product = _in_turn(factors)
+        return -product if minus else product
 
     def _power(self, base: sp.Expr, exponent: sp.Expr) -> Value:
         value, size = self.value(base), abs(exponent) if exponent.is_Number else exponent
@@ -151,15 +151,15 @@ class Lowering:
 
 
 def _in_turn(factors: Sequence[Value]) -> Value:
-    found = factors[0]
+    product = factors[0]
     for factor in factors[1:]:
-        found = found * factor
-    return found
+        product = product * factor
+    return product
 
 
-def _value(found: Any) -> Value:
-    assert isinstance(found, Value)
-    return found
+def _value(value: Any) -> Value:
+    assert isinstance(value, Value)
+    return value
 
 
 _GUARDED = ("angle", "length")
@@ -218,7 +218,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def _folded(function: Callable[..., Any], values: Sequence[Value]) -> Value:
-    found = values[0]
+    folded = values[0]
     for value in values[1:]:
-        found = _value(function(found, value))
-    return found
+        folded = _value(function(folded, value))
+    return folded

@@ -56,9 +56,9 @@ class Instructions:
     """
 
     def __init__(
-        self, known: Scalars, function: ScalarFunction, *, single: bool, fused: bool
+        self, library: Scalars, function: ScalarFunction, *, single: bool, fused: bool
     ) -> None:
-        self.known, self.function, self.single, self.fused = known, function, single, fused
+        self.known, self.function, self.single, self.fused = library, function, single, fused
         self.types = {INT: "i64", FLOAT: "double", BOOL: "i1", NONE: "void"}
         self.types |= {VALUE: "float" if single else "double", **dict.fromkeys(ARRAYS, "ptr")}
         self.lines: list[str] = []
@@ -93,9 +93,9 @@ class Instructions:
             case ast.UnaryOp(op=ast.Not(), operand=inner):
                 return self.named(f"xor i1 {self.truth(inner)}, true")
             case ast.UnaryOp(op=ast.USub(), operand=inner):
-                given = self.value(inner)
+                operand = self.value(inner)
                 return self.named(
-                    f"sub i64 0, {given}" if kind == INT else f"fneg {self.types[kind]} {given}"
+                    f"sub i64 0, {operand}" if kind == INT else f"fneg {self.types[kind]} {operand}"
                 )
             case ast.Compare(left=left, ops=tests, comparators=others):
                 return self._compared(left, tests, others)
@@ -111,40 +111,40 @@ class Instructions:
         assert isinstance(node.value, ast.Name)
         array = self.function.kind(node.value.id)
         of = self.entry(array)
-        found = self.named(f"load {of}, ptr {self.place(node)}, align {SIZES[of]}")
+        loaded = self.named(f"load {of}, ptr {self.place(node)}, align {SIZES[of]}")
         if of == "i8":
-            return self.named(f"zext i8 {found} to i64")
-        own = self.types[ARRAYS[array]]
-        return found if of == own else self.named(f"fpext {of} {found} to {own}")
+            return self.named(f"zext i8 {loaded} to i64")
+        target = self.types[ARRAYS[array]]
+        return loaded if of == target else self.named(f"fpext {of} {loaded} to {target}")
 
     def binary(self, op: ast.operator, left: str, kind: str, right: ast.expr) -> tuple[str, str]:
         other, of = self.value(right), self.kind(right)
-        own = common({kind, of} | ({FLOAT} if isinstance(op, ast.Div) else set()))
-        real = own != INT
-        a, b = self.converted(left, kind, own), self.converted(other, of, own)
+        shared = common({kind, of} | ({FLOAT} if isinstance(op, ast.Div) else set()))
+        real = shared != INT
+        a, b = self.converted(left, kind, shared), self.converted(other, of, shared)
         contract = "contract " if self.fused and real and isinstance(op, _CONTRACTED) else ""
         how = _ARITHMETIC[type(op)][real]
-        return self.named(f"{how} {contract}{self.types[own]} {a}, {b}"), own
+        return self.named(f"{how} {contract}{self.types[shared]} {a}, {b}"), shared
 
     def _compared(
         self, left: ast.expr, tests: Sequence[ast.cmpop], others: Sequence[ast.expr]
     ) -> str:
         values = [(self.value(one), self.kind(one)) for one in (left, *others)]
-        found = ""
+        holds = ""
         for (a, ka), test, (b, kb) in zip(values, tests, values[1:], strict=False):
             kind = common({ka, kb})
             real = kind != INT
             text = f"{'fcmp' if real else 'icmp'} {_TESTS[type(test)][real]} {self.types[kind]}"
             one = self.named(f"{text} {self.converted(a, ka, kind)}, {self.converted(b, kb, kind)}")
-            found = self.named(f"and i1 {found}, {one}") if found else one
-        return found
+            holds = self.named(f"and i1 {holds}, {one}") if holds else one
+        return holds
 
     def _joined(self, every: bool, values: Sequence[ast.expr]) -> str:
         at, (end,) = self.slot("i1"), self.labels("end")
         for one in values:
-            found, (more,) = self.truth(one), self.labels("more")
-            self.line(f"store i1 {found}, ptr {at}")
-            self.branch(found, *((more, end) if every else (end, more)))
+            truth, (more,) = self.truth(one), self.labels("more")
+            self.line(f"store i1 {truth}, ptr {at}")
+            self.branch(truth, *((more, end) if every else (end, more)))
             self.begin(more)
         self.jump(end)
         self.begin(end)
@@ -166,11 +166,11 @@ class Instructions:
         kinds = [self.kind(a) for a in arguments]
         if name in self.known.functions:
             called = self.known.functions[name]
-            given = ", ".join(
-                f"{self.types[own]} {self.converted(v, k, own)}"
-                for v, k, own in zip(values, kinds, called.parameters.values(), strict=True)
+            operands = ", ".join(
+                f"{self.types[declared]} {self.converted(v, k, declared)}"
+                for v, k, declared in zip(values, kinds, called.parameters.values(), strict=True)
             )
-            text = f"call {self.types[called.result]} @{name}({given})"
+            text = f"call {self.types[called.result]} @{name}({operands})"
             if called.result != NONE:
                 return self.named(text)
             self.line(text)
@@ -223,8 +223,8 @@ class Instructions:
                 source = self._offset(array, values[0], values[1])
                 target = self._offset(array, values[3], values[4])
                 size = self.named(f"mul i64 {values[2]}, {SIZES[self.entry(array)]}")
-                given = f"ptr {target}, ptr {source}, i64 {size}, i1 false"
-                self.line(f"call void @llvm.memmove.p0.p0.i64({given})")
+                operands = f"ptr {target}, ptr {source}, i64 {size}, i1 false"
+                self.line(f"call void @llvm.memmove.p0.p0.i64({operands})")
                 return ""
             case "take":
                 return self.named(f"atomicrmw add ptr {values[0]}, i64 1 monotonic")
@@ -306,16 +306,16 @@ _DECLARED = (
 
 
 def scalars_text(
-    known: Scalars, roots: Sequence[str], *, single: bool = False, fused: bool = False
+    library: Scalars, roots: Sequence[str], *, single: bool = False, fused: bool = False
 ) -> str:
     """The text of a module of these functions and of those that they call.
 
     single: whether a `Value`, and an entry of a `Table`, is in single precision. fused: whether
     LLVM may contract a product and a sum.
     """
-    functions = known.needed(roots)
+    functions = library.needed(roots)
     bodies = [
-        _Printer(known, f, single=single, fused=fused, own=f.name not in roots).text()
+        _Printer(library, f, single=single, fused=fused, internal=f.name not in roots).text()
         for f in functions
     ]
     return "\n\n".join([*bodies, *_DECLARED]) + "\n"
@@ -325,10 +325,16 @@ class _Printer(Instructions):
     """The statements of a function."""
 
     def __init__(
-        self, known: Scalars, function: ScalarFunction, *, single: bool, fused: bool, own: bool
+        self,
+        library: Scalars,
+        function: ScalarFunction,
+        *,
+        single: bool,
+        fused: bool,
+        internal: bool,
     ) -> None:
-        super().__init__(known, function, single=single, fused=fused)
-        self.own = own
+        super().__init__(library, function, single=single, fused=fused)
+        self.own = internal
         self.loops: list[tuple[str, str]] = []
 
     def text(self) -> str:
@@ -364,8 +370,8 @@ class _Printer(Instructions):
     def _statement(self, node: ast.stmt) -> None:
         match node:
             case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
-                found = [self.value(v) for v in values]
-                for name, value, one in zip(names, values, found, strict=True):
+                computed = [self.value(v) for v in values]
+                for name, value, one in zip(names, values, computed, strict=True):
                     self._store(name, one, self.kind(value))
             case ast.Assign(targets=targets, value=value):
                 one = self.value(value)
@@ -396,8 +402,8 @@ class _Printer(Instructions):
                     self.line("ret void")
                 else:
                     kind = self.function.result
-                    given = self.converted(self.value(value), self.kind(value), kind)
-                    self.line(f"ret {self.types[kind]} {given}")
+                    returned = self.converted(self.value(value), self.kind(value), kind)
+                    self.line(f"ret {self.types[kind]} {returned}")
                 self.begin(self.labels("after")[0])
             case ast.Expr(value=value):
                 self.value(value)
@@ -410,8 +416,8 @@ class _Printer(Instructions):
 
     def _for(self, name: str, bounds: list[ast.expr], body: list[ast.stmt]) -> None:
         head, inside, turn, end = self.labels("head", "body", "turn", "end")
-        given = [self.value(b) for b in bounds]
-        first, last = (given[0], given[1]) if len(given) > 1 else ("0", given[0])
+        limits = [self.value(b) for b in bounds]
+        first, last = (limits[0], limits[1]) if len(limits) > 1 else ("0", limits[0])
         step = self.function.number(bounds[2]) if len(bounds) > 2 else 1
         at = self.slot("i64")
         self.line(f"store i64 {first}, ptr {at}")
@@ -444,18 +450,18 @@ class _Printer(Instructions):
 
     def _store(self, target: ast.expr, value: str, kind: str) -> None:
         if isinstance(target, ast.Name):
-            own = self.function.kind(target.id)
+            into = self.function.kind(target.id)
             self.line(
-                f"store {self.types[own]} {self.converted(value, kind, own)}, ptr %x.{target.id}"
+                f"store {self.types[into]} {self.converted(value, kind, into)}, ptr %x.{target.id}"
             )
             return
         assert isinstance(target, ast.Subscript)
         assert isinstance(target.value, ast.Name)
         array = self.function.kind(target.value.id)
-        found, of = self.converted(value, kind, ARRAYS[array]), self.entry(array)
+        stored, of = self.converted(value, kind, ARRAYS[array]), self.entry(array)
         if of == "i8":
-            found = self.named(f"trunc i64 {found} to i8")
-        self.line(f"store {of} {found}, ptr {self.place(target)}, align {SIZES[of]}")
+            stored = self.named(f"trunc i64 {stored} to i8")
+        self.line(f"store {of} {stored}, ptr {self.place(target)}, align {SIZES[of]}")
 
 
 _TYPES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_bool, NONE: None}
@@ -468,16 +474,16 @@ def called(file: str, name: str, *arguments: Any) -> Any:
     Arrays are contiguous, of doubles or of 64-bit integers; a `Table` may be of floats.
     """
     function = scalars(file).functions[name]
-    single, given = False, []
+    single, passed = False, []
     for (parameter, kind), argument in zip(function.parameters.items(), arguments, strict=True):
         if kind not in ARRAYS:
-            given.append(argument)
+            passed.append(argument)
             continue
         if argument.dtype not in _DTYPES[kind] or not argument.flags.c_contiguous:
             raise TypeError(f"'{parameter}' of '{name}' is {argument.dtype}, not {kind}")
         single |= kind == TABLE and argument.dtype == np.float32
-        given.append(argument.ctypes.data)
-    return _function(file, name, single)(*given)
+        passed.append(argument.ctypes.data)
+    return _function(file, name, single)(*passed)
 
 
 def address(file: str, name: str, *, single: bool = False) -> int:

@@ -32,35 +32,35 @@ from holdfast.maths.expressions.syntax import syntax_tree
 
 
 def uncertain(
-    statements: Iterable[ast.stmt], known: set[str], variables: Collection[str]
+    statements: Iterable[ast.stmt], assigned: set[str], variables: Collection[str]
 ) -> Iterator[ast.Name]:
-    """The uses of variables that may have no value yet. `known` becomes what has one afterwards."""
+    """The uses of variables that may have no value yet. `assigned` becomes those with one."""
 
     def read(node: ast.AST) -> Iterator[ast.Name]:
         for one in ast.walk(node):
-            if isinstance(one, ast.Name) and one.id in variables and one.id not in known:
+            if isinstance(one, ast.Name) and one.id in variables and one.id not in assigned:
                 yield one
 
     for node in statements:
         match node:
             case ast.If(test=test, body=body, orelse=other):
                 yield from read(test)
-                ways = (set(known), set(known))
+                ways = (set(assigned), set(assigned))
                 for way, part in zip(ways, (body, other), strict=True):
                     yield from uncertain(part, way, variables)
                 ends = [w for w, part in zip(ways, (body, other), strict=True) if not leaves(part)]
-                known |= set.intersection(*ends) if ends else ways[0]
+                assigned |= set.intersection(*ends) if ends else ways[0]
             case ast.While(test=test, body=body):
                 yield from read(test)
-                yield from uncertain(body, set(known), variables)
+                yield from uncertain(body, set(assigned), variables)
             case ast.For(target=target, iter=bounds, body=body):
                 yield from read(bounds)
-                yield from uncertain(body, {*known, ast.unparse(target)}, variables)
+                yield from uncertain(body, {*assigned, ast.unparse(target)}, variables)
             case ast.Assign(targets=targets, value=value):
                 yield from read(value)
                 for target in targets:
                     parts = target.elts if isinstance(target, ast.Tuple) else [target]
-                    known |= {p.id for p in parts if isinstance(p, ast.Name)}
+                    assigned |= {p.id for p in parts if isinstance(p, ast.Name)}
                     yield from read(target)
             case _:
                 yield from read(node)
@@ -151,8 +151,8 @@ class ScalarFunction:
 
     def number(self, node: ast.expr) -> Number | None:
         """The number that an expression always is; None for others."""
-        own = self.parameters.keys() | self.variables.keys()
-        return constant(node, {k: v for k, v in self.constants.items() if k not in own})
+        local = self.parameters.keys() | self.variables.keys()
+        return constant(node, {k: v for k, v in self.constants.items() if k not in local})
 
 
 @dataclass
@@ -164,37 +164,37 @@ class Scalars:
 
     def needed(self, roots: Iterable[str]) -> list[ScalarFunction]:
         """The functions that these call, each before those that call it."""
-        found: dict[str, ScalarFunction] = {}
+        ordered: dict[str, ScalarFunction] = {}
 
         def add(name: str) -> None:
-            if name not in found:
+            if name not in ordered:
                 for called in self.functions[name].calls.values():
                     if called in self.functions:
                         add(called)
-                found[name] = self.functions[name]
+                ordered[name] = self.functions[name]
 
         for name in roots:
             add(name)
-        return list(found.values())
+        return list(ordered.values())
 
 
-def constant(node: ast.expr, known: Mapping[str, Number]) -> Number | None:
+def constant(node: ast.expr, numbers: Mapping[str, Number]) -> Number | None:
     """The number that an expression is, whatever the arguments are; None for others."""
     match node:
         case ast.Constant(value=int() | float() as value):
             return value
         case ast.UnaryOp(op=ast.USub(), operand=inner):
-            found = constant(inner, known)
-            return None if found is None else -found
+            number = constant(inner, numbers)
+            return None if number is None else -number
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _FOLDED:
-            a, b = constant(left, known), constant(right, known)
+            a, b = constant(left, numbers), constant(right, numbers)
             return None if a is None or b is None else _FOLDED[type(op)](a, b)
         case ast.Attribute(value=ast.Name(id="math"), attr="inf" | "nan" | "pi" as name):
             return float(getattr(math, name))
         case ast.Attribute():
-            return known.get(ast.unparse(node))
+            return numbers.get(ast.unparse(node))
         case ast.Name(id=name):
-            return known.get(name)
+            return numbers.get(name)
     return None
 
 
@@ -220,46 +220,46 @@ def read(text: str) -> Scalars:
 
     The text of a star import is to stand above: a text has several versions of some functions.
     """
-    found = Scalars({}, {})
+    library = Scalars({}, {})
     for node in syntax_tree(text).body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(_ROOM):
             for one in node.names if node.names[0].name != "*" else ():
-                _import(found, node.module or "", one.name)
+                _import(library, node.module or "", one.name)
         elif isinstance(node, ast.Assign):
-            found.constants |= _constants(node, found.constants)
+            library.constants |= _constants(node, library.constants)
         elif isinstance(node, ast.FunctionDef) and _is_scalar(node):
-            _Reader(found, node)
-    return found
+            _Reader(library, node)
+    return library
 
 
 _ROOM = "holdfast.execution."
 
 
-def _constants(node: ast.Assign, known: Mapping[str, Number]) -> dict[str, Number]:
+def _constants(node: ast.Assign, numbers: Mapping[str, Number]) -> dict[str, Number]:
     """The numbers that an assignment outside functions gives a name, or several from a range."""
     match node:
-        case ast.Assign(targets=[ast.Name(id=name)], value=given):
-            value = constant(given, known)
+        case ast.Assign(targets=[ast.Name(id=name)], value=expression):
+            value = constant(expression, numbers)
             return {} if value is None else {name: value}
         case ast.Assign(
             targets=[ast.Tuple(elts=names)],
             value=ast.Call(func=ast.Name(id="range"), args=bounds),
         ):
-            ends = [constant(b, known) for b in bounds]
+            ends = [constant(b, numbers) for b in bounds]
             places = range(*(int(e) for e in ends if e is not None))
             return {ast.unparse(n): k for n, k in zip(names, places, strict=True)}
     return {}
 
 
-def _import(found: Scalars, module: str, name: str) -> None:
+def _import(library: Scalars, module: str, name: str) -> None:
     """Add a function, with those that it calls, a number, or the members of an enumeration."""
     value = getattr(import_module(module), name)
     if isinstance(value, FunctionType):
-        found.functions |= scalars(module[len(_ROOM) :].replace(".", "/")).functions
+        library.functions |= scalars(module[len(_ROOM) :].replace(".", "/")).functions
     elif isinstance(value, int | float):
-        found.constants[name] = value
+        library.constants[name] = value
     elif isinstance(value, type) and issubclass(value, IntEnum):
-        found.constants |= {f"{name}.{one.name}": int(one) for one in value}
+        library.constants |= {f"{name}.{one.name}": int(one) for one in value}
 
 
 def _is_scalar(node: ast.FunctionDef) -> bool:
@@ -271,12 +271,12 @@ def _is_scalar(node: ast.FunctionDef) -> bool:
 class _Reader:
     """Finds the kind of every expression of a function."""
 
-    def __init__(self, known: Scalars, node: ast.FunctionDef) -> None:
-        self.known = known
+    def __init__(self, library: Scalars, node: ast.FunctionDef) -> None:
+        self.known = library
         parameters = {a.arg: _annotated(a.annotation) for a in node.args.args}
         self.function = ScalarFunction(node.name, node, parameters, _annotated(node.returns))
-        known.functions[node.name] = self.function
-        self.function.constants = dict(known.constants)
+        library.functions[node.name] = self.function
+        self.function.constants = dict(library.constants)
         self._views: list[tuple[str, str]] = []
         for statement in self.function.body:
             self._statement(statement)
@@ -358,15 +358,15 @@ class _Reader:
             raise self._refuse(target, "no place of a number")
 
     def _set(self, name: str, kind: str, node: ast.AST) -> None:
-        known = self.function.variables.get(name) or self.function.parameters.get(name)
-        if known is None:
+        declared = self.function.variables.get(name) or self.function.parameters.get(name)
+        if declared is None:
             self.function.variables[name] = kind
-        elif known != kind and not (known in (FLOAT, VALUE) and kind == INT):
-            raise self._refuse(node, f"'{name}' is {known} and {kind}")
+        elif declared != kind and not (declared in (FLOAT, VALUE) and kind == INT):
+            raise self._refuse(node, f"'{name}' is {declared} and {kind}")
 
     def _kind(self, node: ast.expr) -> str:
-        found = self.function.kinds[node] = self._found(node)
-        return found
+        kind = self.function.kinds[node] = self._found(node)
+        return kind
 
     def _found(self, node: ast.expr) -> str:
         function = self.function

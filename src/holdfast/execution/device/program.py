@@ -125,8 +125,8 @@ class CudaDevice:
             )
 
     def fetched(self, array: Any, out: Array | None = None) -> Array:
-        found: Array = self.arrays.asnumpy(array, out=out)
-        return found
+        values: Array = self.arrays.asnumpy(array, out=out)
+        return values
 
 
 class CudaProgram:
@@ -173,15 +173,15 @@ class HostDevice:
     blocks = 3
 
     def __init__(self) -> None:
-        given = os.environ.get("CXX", "").split()
-        found = next((p for c in COMPILERS if (p := shutil.which(c))), None)
-        if not given and found is None:
+        command = os.environ.get("CXX", "").split()
+        compiler = next((p for c in COMPILERS if (p := shutil.which(c))), None)
+        if not command and compiler is None:
             raise SimulationError(
                 "no C++ compiler was found",
                 expected=f"one of {', '.join(COMPILERS)} on the path, or in the variable CXX",
                 remedy="install one, or leave out device",
             )
-        self.compiler = given or [str(found)]
+        self.compiler = command or [str(compiler)]
 
     def program(self, text: str) -> HostProgram:
         return _built(tuple(self.compiler), whole_text(text))
@@ -223,10 +223,10 @@ class HostProgram:
     def run(self, name: str, blocks: int, *arguments: Any) -> None:
         """Call a kernel; the last block is the first, so that no order is taken for granted."""
         function = getattr(self._library, name)
-        given = [_argument(a) for a in arguments]
+        passed = [_argument(a) for a in arguments]
         for block in reversed(range(blocks)):
             self._library.hf_on(ctypes.c_longlong(block), ctypes.c_longlong(blocks))
-            function(*given)
+            function(*passed)
 
 
 def _argument(value: Any) -> Any:

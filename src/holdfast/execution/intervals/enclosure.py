@@ -183,8 +183,8 @@ class Interval:
 
     def root(self) -> Interval:
         """The square root; nothing is known of it where x may be negative."""
-        found = Interval(below(root(self.low)), above(root(self.high))).not_negative()
-        return unknown_where(~(self.low >= 0.0), found)
+        roots = Interval(below(root(self.low)), above(root(self.high))).not_negative()
+        return unknown_where(~(self.low >= 0.0), roots)
 
     def widened(self, by: Value | float) -> Interval:
         """With every number that is within `by` of one of these."""
@@ -199,18 +199,18 @@ class Interval:
 
 def smallest(*values: Value) -> Value:
     """The least; not a number if one is not."""
-    found = values[0]
+    least = values[0]
     for value in values[1:]:
-        found = least_number(found, value)
-    return found
+        least = least_number(least, value)
+    return least
 
 
 def largest(*values: Value) -> Value:
     """The greatest; not a number if one is not."""
-    found = values[0]
+    greatest = values[0]
     for value in values[1:]:
-        found = greatest_number(found, value)
-    return found
+        greatest = greatest_number(greatest, value)
+    return greatest
 
 
 def hull(*parts: Interval) -> Interval:
@@ -231,10 +231,10 @@ def unknown_where(condition: Value, x: Interval) -> Interval:
 
 def _product(x: Value, exponent: int, rounded: object) -> Value:
     """x^n of x >= 0, each product rounded one way."""
-    found = x
+    product = x
     for _ in range(exponent - 1):
-        found = rounded(found * x)  # type: ignore[operator]
-    return found
+        product = rounded(product * x)  # type: ignore[operator]
+    return product
 
 
 def _signed_product(x: Value, exponent: int, rounded: object) -> Value:
@@ -300,10 +300,10 @@ def dot(row: Row, x: Row, steps: Steps) -> Interval:
 
 
 def every(steps: Steps, conditions: Sequence[Value]) -> Value:
-    found = steps.constant(0.0, FLOAT) <= 0.0
+    all_true = steps.constant(0.0, FLOAT) <= 0.0
     for condition in conditions:
-        found = found & condition
-    return found
+        all_true = all_true & condition
+    return all_true
 
 
 FARTHEST = 1e5
@@ -364,11 +364,11 @@ def _sines(x: Value) -> tuple[Interval, Interval]:
     """The sine and the cosine of a float."""
     s, c = _sine_and_cosine(x)
     near = abs(x) <= FARTHEST
-    found = []
+    intervals = []
     for value in (s, c):
         inside = Interval(value, value).widened(SINE_ERROR).within(-1.0, 1.0)
-        found.append(chosen(near, inside, _both_sides(x)))
-    return found[0], found[1]
+        intervals.append(chosen(near, inside, _both_sides(x)))
+    return intervals[0], intervals[1]
 
 
 def _both_sides(x: Value) -> Interval:
@@ -385,8 +385,8 @@ def _power_of_e(x: Value) -> Interval:
     high = value + (value * EXPONENTIAL_ERROR + 2 * ETA)
     zero, infinite = x.steps.constant(0.0, FLOAT), x.steps.constant(math.inf, FLOAT)
     low = choose(x < -745.0, zero, choose(low > 0.0, low, 0.0))
-    found = Interval(low, choose(x > 709.0, infinite, high))
-    return unknown_where(x.differs(x), found)
+    power = Interval(low, choose(x > 709.0, infinite, high))
+    return unknown_where(x.differs(x), power)
 
 
 def _logarithm(x: Value) -> Interval:
@@ -395,9 +395,9 @@ def _logarithm(x: Value) -> Interval:
     near = Interval(x, x) * _power_of_e(-z) - Interval.point(x.steps, 1.0)
     off = largest(abs(near.low), abs(near.high))
     off = off * (1 + 1e-6) + ETA  # |log(1 + d)| <= |d| / (1 - |d|)
-    found = Interval(z, z).widened(off)
+    interval = Interval(z, z).widened(off)
     extreme = ~((x > 1e-300) & (x < 1e300) & (off < 1e-7))
-    return unknown_where(extreme, found)
+    return unknown_where(extreme, interval)
 
 
 def _direction(y: Value, x: Value) -> Interval:
@@ -435,10 +435,10 @@ def _wave(x: Interval, crest: float, first: Interval, last: Interval) -> Interva
     up, down = _reached(x, crest), _reached(x, crest + 0.5)
     whole = ~(x.high - x.low < 6.28)
     far = ~((abs(x.low) <= FARTHEST) & (abs(x.high) <= FARTHEST))
-    found = Interval(
+    wave = Interval(
         choose(down | whole | far, -1.0, between.low), choose(up | whole | far, 1.0, between.high)
     )
-    return unknown_where(x.unknown, found)
+    return unknown_where(x.unknown, wave)
 
 
 def _reached(x: Interval, share: float) -> Value:
@@ -453,8 +453,8 @@ def tangent(x: Interval) -> Interval:
     """Between the tangents of the ends; nothing is known where a pole may be between."""
     (s, c), (t, d) = _sines(x.low), _sines(x.high)
     pole = _reached(x, 0.25) | _reached(x, 0.75) | ~(x.high - x.low < 3.14)
-    found = Interval((s / c).low, (t / d).high)
-    return unknown_where(pole, found)
+    between = Interval((s / c).low, (t / d).high)
+    return unknown_where(pole, between)
 
 
 def exponential_of(x: Interval) -> Interval:
@@ -464,18 +464,18 @@ def exponential_of(x: Interval) -> Interval:
 
 def logarithm(x: Interval) -> Interval:
     """Nothing is known where x may be 0 or less."""
-    found = Interval(_logarithm(x.low).low, _logarithm(x.high).high)
-    return unknown_where(~(x.low > 0.0), found)
+    interval = Interval(_logarithm(x.low).low, _logarithm(x.high).high)
+    return unknown_where(~(x.low > 0.0), interval)
 
 
 def direction(y: Interval, x: Interval) -> Interval:
     """atan2(y, x): from the corners; all angles where it may turn around."""
     corners = [_direction(b, a) for b in (y.low, y.high) for a in (x.low, x.high)]
     around = ~((x.low > 0.0) | (y.low > 0.0) | (y.high < 0.0))
-    found = hull(*corners)
+    angles = hull(*corners)
     steps = x.steps
     every = Interval(steps.constant(-PI_HIGH, FLOAT), steps.constant(PI_HIGH, FLOAT))
-    return unknown_where(x.unknown | y.unknown, chosen(around, every, found))
+    return unknown_where(x.unknown | y.unknown, chosen(around, every, angles))
 
 
 def arctangent(x: Interval) -> Interval:
@@ -560,8 +560,8 @@ class IntervalLowering(Lowering):
         if exponent.is_Rational and (2 * exponent).is_Integer:
             whole, half = divmod(int(abs(2 * exponent)), 2)
             parts = ([x.power(whole)] if whole else []) + ([x.root()] if half else [])
-            found = parts[0] * parts[1] if len(parts) > 1 else parts[0]
-            return found if exponent > 0 else found.inverse()
+            power = parts[0] * parts[1] if len(parts) > 1 else parts[0]
+            return power if exponent > 0 else power.inverse()
         other: Any = self.value(exponent)
         return exponential_of(logarithm(x) * other)
 
@@ -614,8 +614,8 @@ def interval_leaf(symbols: Sequence[sp.Symbol], expressions: Sequence[Any]) -> L
         for i, symbol in enumerate(symbols)
     }
     lowering = IntervalLowering(steps, inputs)
-    found: list[Any] = [lowering.value(sp.sympify(e)) for e in expressions]
-    return Leaf(steps, {"q": rows}, [end for i in found for end in (i.low, i.high)])
+    intervals: list[Any] = [lowering.value(sp.sympify(e)) for e in expressions]
+    return Leaf(steps, {"q": rows}, [end for i in intervals for end in (i.low, i.high)])
 
 
 class Enclosure:
@@ -641,5 +641,5 @@ class Enclosure:
                 expected=f"(count, {self.width}), both",
             )
         ends = np.stack([low, high], axis=2).reshape(len(low), 2 * self.width)
-        found = self._leaves.values("enclosure", len(low), 2 * self.count, ends)
-        return found[:, 0::2], found[:, 1::2]
+        bounds = self._leaves.values("enclosure", len(low), 2 * self.count, ends)
+        return bounds[:, 0::2], bounds[:, 1::2]

@@ -182,15 +182,15 @@ class HeldFlow:
 
     def without_constraints(self) -> HeldFlow:
         """Where inputs lead, and nothing of constraints on the way."""
-        found = copy.copy(self)
-        found._constraints, found._of_steps, found._lean = [], {}, False
-        return found
+        flow = copy.copy(self)
+        flow._constraints, flow._of_steps, flow._lean = [], {}, False
+        return flow
 
     def in_steps(self, steps: int) -> HeldFlow:
         """The same, with holds divided into so many steps."""
-        found = copy.copy(self)
-        found.sampling = replace(self.sampling, steps=steps)
-        return found
+        flow = copy.copy(self)
+        flow.sampling = replace(self.sampling, steps=steps)
+        return flow
 
     def inside(self, low: Array, high: Array) -> Truths:
         """Whether the constraints surely hold where each box is measured, shape (boxes,)."""
@@ -201,8 +201,8 @@ class HeldFlow:
         return self._sure("arrived", low, high)
 
     def _sure(self, leaf: str, low: Array, high: Array) -> Truths:
-        found: Truths = self._leaves.values(leaf, len(low), 1, _ends(low, high))[:, 0] > 0
-        return found
+        sure: Truths = self._leaves.values(leaf, len(low), 1, _ends(low, high))[:, 0] > 0
+        return sure
 
     def held(self, low: Array, high: Array, inputs: Array, most: Array | None = None) -> Held:
         """What one input for each box leads to; inputs: shape (boxes, inputs).
@@ -213,7 +213,7 @@ class HeldFlow:
         if self.law is not None:
             inputs = _ends(inputs, inputs if most is None else most)
         wide = 2 * n if self._alone else 2 * n * (n + 3)  # numbers of a set
-        box, kept = _ends(low, high), np.ones(count, dtype=bool)
+        box, holds = _ends(low, high), np.ones(count, dtype=bool)
         way_low, way_high = np.full((count, n), np.inf), np.full((count, n), -np.inf)
         last = len(self._legs) - 1, self.sampling.steps - 1
         for leg in range(len(self._legs)):
@@ -221,21 +221,21 @@ class HeldFlow:
             for turn in range(self.sampling.steps):
                 begins = turn == 0
                 width = wide + 2 * n + 2 + (2 * n if begins else 0)
-                found = self._leaf(leg, begins=begins).values(
+                rows = self._leaf(leg, begins=begins).values(
                     "flow", count, width, now, self._step(leg)
                 )
-                box, way = found[:, : 2 * n], found[:, wide : wide + 2 * n]
+                box, way = rows[:, : 2 * n], rows[:, wide : wide + 2 * n]
                 ends = way[:, 0::2], way[:, 1::2]
                 if self._alone:
                     way_low, way_high = ends
                 else:
                     way_low, way_high = np.minimum(way_low, ends[0]), np.maximum(way_high, ends[1])
-                kept &= found[:, wide + 2 * n + (not self._alone and (leg, turn) == last)] > 0
+                holds &= rows[:, wide + 2 * n + (not self._alone and (leg, turn) == last)] > 0
                 if (leg, turn) == last:
                     break
                 if begins:
-                    off = found[:, wide + 2 * n + 2 :]
-                now = np.concatenate([found[:, :wide], off, inputs], axis=1)
+                    off = rows[:, wide + 2 * n + 2 :]
+                now = np.concatenate([rows[:, :wide], off, inputs], axis=1)
         low, high = box[:, 0::2], box[:, 1::2]
         for axis, error in enumerate(self.errors):
             if error:
@@ -244,7 +244,7 @@ class HeldFlow:
         if self.law is not None or self.sampling.delay:
             room = SLACK * (way_high - way_low)
             low, high = low - room, high + room
-        return Held(low, high, way_low, way_high, kept)
+        return Held(low, high, way_low, way_high, holds)
 
     # -- leaves ------------------------------------------------------------------------------
 
@@ -304,14 +304,16 @@ class HeldFlow:
             before = self._begun(steps, box, [middle(q) for q in seen])
         else:
             before = _Set.of(steps, rows[:wide], n)
-        known = self._free(steps) | self._inputs_of(steps, rows[wide:], self._legs[leg])
+        ranges = self._free(steps) | self._inputs_of(steps, rows[wide:], self._legs[leg])
         (step,) = pairs(steps, ("t0", "t1"))
-        after, way, sure = self._after(steps, before, known, step)
-        at = [self._at(box, known) for box in (before.box, way, after.box)]
+        after, way, sure = self._after(steps, before, ranges, step)
+        at = [self._at(box, ranges) for box in (before.box, way, after.box)]
         rates = self._rates.of(self._rates.values(steps, at[1]))
         moving = dict(zip(self._names, rates, strict=True))
-        kept = [self._kept(steps, c, at, moving, step) for c in self._constraints]
-        flags = [choose(every(steps, [sure, *some]), 1.0, 0.0) for some in zip(*kept, strict=True)]
+        conditions = [self._kept(steps, c, at, moving, step) for c in self._constraints]
+        flags = [
+            choose(every(steps, [sure, *some]), 1.0, 0.0) for some in zip(*conditions, strict=True)
+        ]
         flags = flags or 2 * [choose(sure, 1.0, 0.0)]
         if self._alone:
             results = [*_both(after.box), *_both(way), flags[1]]
@@ -321,12 +323,12 @@ class HeldFlow:
 
     def _inputs_of(self, steps: Steps, rows: Sequence[str], under_way: bool) -> Known:
         if under_way:
-            given = [constant(steps, *ends) for ends in self.sampling.under_way]
+            intervals = [constant(steps, *ends) for ends in self.sampling.under_way]
         elif self.law is not None:
-            given = pairs(steps, rows)
+            intervals = pairs(steps, rows)
         else:
-            given = [Interval(v, v) for v in map(steps.input, rows)]
-        return {s.name: q for s, q in zip(self.inputs, given, strict=True)}
+            intervals = [Interval(v, v) for v in map(steps.input, rows)]
+        return {s.name: q for s, q in zip(self.inputs, intervals, strict=True)}
 
     def _begun(self, steps: Steps, box: Row, center: Row) -> _Set:
         zero, one = number(steps, 0.0), number(steps, 1.0)
@@ -335,16 +337,16 @@ class HeldFlow:
         return _Set(box, center, carried, [zero] * len(box), off)
 
     def _after(
-        self, steps: Steps, x: _Set, known: Known, step: Interval
+        self, steps: Steps, x: _Set, ranges: Known, step: Interval
     ) -> tuple[_Set, Row, Value]:
         """The states after a step, all on the way, and whether these are proved."""
-        way, sure = self._way(steps, x.box, known, step)
+        way, sure = self._way(steps, x.box, ranges, step)
         n = len(way)
-        values = self._rates.values(steps, self._at(way, known))
+        values = self._rates.values(steps, self._at(way, ranges))
         rates = self._rates.of(values)
         plain = [q + step * r for q, r in zip(x.box, rates, strict=True)]
-        free = {name: q for name, q in known.items() if q.low is not q.high}  # others do not vary
-        still = {**known, **{name: middle(q) for name, q in free.items()}}
+        free = {name: q for name, q in ranges.items() if q.low is not q.high}  # others do not vary
+        still = {**ranges, **{name: middle(q) for name, q in free.items()}}
         one = number(steps, 1.0)
         columns = [self._rates.of(self._rates.slopes(values, {s: one})) for s in self._names]
         carried = [self._rates.of(self._rates.slopes(values, {s: one})) for s in free]
@@ -382,12 +384,12 @@ class HeldFlow:
         box = [common(common(p, q), b) for p, q, b in zip(plain, ends, way, strict=True)]
         return _Set(box, nominal, grown_by, rest, x.off), way, sure
 
-    def _way(self, steps: Steps, x: Row, known: Known, step: Interval) -> tuple[Row, Value]:
+    def _way(self, steps: Steps, x: Row, ranges: Known, step: Interval) -> tuple[Row, Value]:
         """A box of all states on the way, and whether that is proved."""
         during = Interval(steps.constant(0.0, FLOAT), step.high)
 
         def moved(at: Row) -> Row:
-            rates = self._rates.of(self._rates.values(steps, self._at(at, known)))
+            rates = self._rates.of(self._rates.values(steps, self._at(at, ranges)))
             return [q + during * r for q, r in zip(x, rates, strict=True)]
 
         before = moved(moved(x))
@@ -411,12 +413,12 @@ class HeldFlow:
         self, steps: Steps, at: Row, way: Row, a: list[Row], still: Known, step: Interval
     ) -> Row:
         """The trajectory of the middle after a step, from a box of it."""
-        known, over = self._at(at, still), self._at(way, still)
+        start, over = self._at(at, still), self._at(way, still)
         if not self._rates.smooth:
-            first, during = (self._rates.of(self._rates.values(steps, k)) for k in (known, over))
+            first, during = (self._rates.of(self._rates.values(steps, k)) for k in (start, over))
             half, bent = step.power(2) * number(steps, 0.5), _times(a, during, steps)
             return [q + step * r + half * b for q, r, b in zip(at, first, bent, strict=True)]
-        first = self._rates.series(steps, known, self._names, 3)
+        first = self._rates.series(steps, start, self._names, 3)
         rest = self._rates.series(steps, over, self._names, 4)
         second, third = step.power(2), step.power(3)
         return [
@@ -429,31 +431,31 @@ class HeldFlow:
     ) -> tuple[Value, Value]:
         """Whether c <= 0 at (start, way, end), where it is at the start: if nothing is known of the
         end, and if it is there too."""
-        first, over, last = (c.tape.values(steps, known) for known in at)
+        first, over, last = (c.tape.values(steps, assumed) for assumed in at)
         parts = [self._part_kept(steps, p, at, moving, step) for p in c.parts] if not c.all else []
         both = [self._kept(steps, p, at, moving, step) for p in c.parts] if c.all else []
         ways = self._ways(steps, c, (first, over, last), moving, step)
-        found = []
-        for k, known in enumerate((False, True)):
-            kept = ways(True, known)
+        conditions = []
+        for k, assumed in enumerate((False, True)):
+            holds = ways(True, assumed)
             if parts:
-                kept = kept | ~every(steps, [~p for p in parts])
+                holds = holds | ~every(steps, [~p for p in parts])
             if both:
-                kept = kept | every(steps, [p[k] for p in both])
-            found.append(kept)
-        return found[0], found[1]
+                holds = holds | every(steps, [p[k] for p in both])
+            conditions.append(holds)
+        return conditions[0], conditions[1]
 
     def _part_kept(
         self, steps: Steps, c: _Limit, at: Sequence[Known], moving: Known, step: Interval
     ) -> Value:
         """The same of a part, of which nothing is known at the ends."""
-        values = tuple(c.tape.values(steps, known) for known in at)
-        kept = self._ways(steps, c, values, moving, step)(False, False)
+        values = tuple(c.tape.values(steps, ranges) for ranges in at)
+        holds = self._ways(steps, c, values, moving, step)(False, False)
         parts = [self._part_kept(steps, p, at, moving, step) for p in c.parts]
         if parts:
             some = every(steps, parts) if c.all else ~every(steps, [~p for p in parts])
-            kept = kept | some
-        return kept
+            holds = holds | some
+        return holds
 
     def _ways(
         self, steps: Steps, c: _Limit, values: Sequence[Row], moving: Known, step: Interval
@@ -468,15 +470,15 @@ class HeldFlow:
         meet = c0 + up * (c1 - c0 - step * down) * (up - down).inverse()
         falls, rises, under = rate.high <= 0.0, rate.low >= 0.0, meet.high <= 0.0
 
-        def kept(*known: bool) -> Value:
+        def holds(*assumed: bool) -> Value:
             begins, ends = (
                 zero <= 0.0 if sure else q.high <= 0.0
-                for sure, q in zip(known, (first, last), strict=True)
+                for sure, q in zip(assumed, (first, last), strict=True)
             )
             between = (falls & begins) | (rises & ends) | (begins & ends & under)
             return (whole.high <= 0.0) | between
 
-        return kept
+        return holds
 
 
 class _Limit:

@@ -124,11 +124,11 @@ def choices(p: Values) -> Iterator[Chosen]:
             for j, (normal, offset) in enumerate(zip(p.normals, p.offsets, strict=True))
             if j not in chosen_rows
         ]
-        known = [~q.unknown for q in u]
-        feasible.append(every(steps, [*known, *(o.high < 0.0 for o in others)]))
+        bounded = [~q.unknown for q in u]
+        feasible.append(every(steps, [*bounded, *(o.high < 0.0 for o in others)]))
         if p.wanted is not None:
             may = [*(~(m.high < 0.0) for m in multipliers), *(~(o.low > 0.0) for o in others)]
-            sure = [*(m.low > 0.0 for m in multipliers), *(o.high < 0.0 for o in others), *known]
+            sure = [*(m.low > 0.0 for m in multipliers), *(o.high < 0.0 for o in others), *bounded]
             yield Chosen(every(steps, may), every(steps, sure), u)
     relaxed = every(steps, [~f for f in feasible])
     yield Chosen(relaxed, never, _pushed(p))
@@ -166,15 +166,15 @@ def _solved(p: Values, rows: Sequence[int]) -> tuple[Row, Row] | None:
     multipliers = [dot(row, slack, steps) for row in _adjugate(gram, steps)] if slack else []
     if len(rest) == len(left):
         whole = _determinant(matrix, steps).inverse()
-        found = [dot(row, beyond, steps) * whole for row in _adjugate(matrix, steps)]
+        solution = [dot(row, beyond, steps) * whole for row in _adjugate(matrix, steps)]
     else:
         assert v is not None
         over = size.inverse()
-        found = [
+        solution = [
             v[i] - dot([row[k] for row in matrix], multipliers, steps) * over if rest else v[i]
             for k, i in enumerate(left)
         ]
-    y |= dict(zip(left, found, strict=True))
+    y |= dict(zip(left, solution, strict=True))
     if v is not None:
         for i, j in deciding.items():
             pulled = dot([a[k][i] for k in rest], multipliers[: len(rest)], steps)
@@ -206,8 +206,8 @@ def _adjugate(m: list[Row], steps: Steps) -> list[Row]:
 
     def minor(i: int, j: int) -> Interval:
         rows = [[*row[:j], *row[j + 1 :]] for k, row in enumerate(m) if k != i]
-        found = _determinant(rows, steps)
-        return found if (i + j) % 2 == 0 else -found
+        determinant = _determinant(rows, steps)
+        return determinant if (i + j) % 2 == 0 else -determinant
 
     return [[minor(j, i) for j in range(n)] for i in range(n)]
 
@@ -222,14 +222,14 @@ def _pushed(p: Values) -> Row:
         return whole
     a = [n * s for n, s in zip(p.normals[p.hard], p.scales, strict=True)]
     norm = _dot(a, a, steps, same=True).root()
-    found = []
+    pushed = []
     for (low, high), q, s in zip(p.box, a, p.scales, strict=True):
         most = largest(*(abs(end * s.inverse()).high for end in (low, high)))
         reach = Interval(most, most) + number_between(steps, Fraction(1))
         little = (reach * number_between(steps, PULL) * norm).high
         down, up = q.low > little, -q.high > little
-        found.append(chosen(down, low, chosen(up, high, hull(low, high))))
-    return found
+        pushed.append(chosen(down, low, chosen(up, high, hull(low, high))))
+    return pushed
 
 
 Ends = tuple[Array, Array]
@@ -273,8 +273,8 @@ class TableRanges:
             for k, (a, b) in enumerate(self.nodes):
                 least[some, k] = np.minimum(least[some, k], a[at])
                 most[some, k] = np.maximum(most[some, k], b[at])
-        known = ~np.isinf(least)
-        return np.where(known, least, np.nan), np.where(known, most, np.nan)
+        covered = ~np.isinf(least)
+        return np.where(covered, least, np.nan), np.where(covered, most, np.nan)
 
     def _node_slopes(self, axis: int) -> Ends:
         """The differences at the nodes along an axis, one-sided at its ends."""
@@ -284,9 +284,9 @@ class TableRanges:
         apart = np.full(len(v), 2.0)
         if not self.periodic[axis]:
             apart[[0, -1]] = 1.0
-        found = (wide[2:] - wide[:-2]) / (apart * h).reshape(-1, *(1,) * (v.ndim - 1))
-        room = 2.0**-50 * np.abs(found)  # three roundings
-        ends = (np.nextafter(found + side * room, side * np.inf) for side in (-1, 1))
+        slopes = (wide[2:] - wide[:-2]) / (apart * h).reshape(-1, *(1,) * (v.ndim - 1))
+        room = 2.0**-50 * np.abs(slopes)  # three roundings
+        ends = (np.nextafter(slopes + side * room, side * np.inf) for side in (-1, 1))
         low, high = (np.moveaxis(e, 0, axis) for e in ends)
         return low, high
 
@@ -298,12 +298,12 @@ class TableRanges:
             a, b = np.floor(a - room), np.ceil(b + room)
         last = self.shape[axis] - 1
         if self.periodic[axis]:
-            known = (np.abs(a) < FARTHEST) & (b - a < MOST_STEPS)
+            usable = (np.abs(a) < FARTHEST) & (b - a < MOST_STEPS)
         else:
             a, b = np.clip(a, 0, last), np.clip(b, 0, last)
-            known = b - a < MOST_STEPS  # false for what is not a number
-        more = np.where(known, b - a, -1.0)
-        return np.where(known, a, 0.0).astype(np.int64), more.astype(np.int64)
+            usable = b - a < MOST_STEPS  # false for what is not a number
+        more = np.where(usable, b - a, -1.0)
+        return np.where(usable, a, 0.0).astype(np.int64), more.astype(np.int64)
 
 
 TOGETHER = 12
@@ -365,12 +365,12 @@ class LawRanges:
 
     def given(self, mode: int, low: Array, high: Array) -> Given:
         """What the law may give with states measured in boxes, in this mode before the sample."""
-        found = list(self._every(mode, self._columns(low, high)))
+        chunks = list(self._every(mode, self._columns(low, high)))
         m = len(self._inputs)
-        if not found:
+        if not chunks:
             none = np.empty(0, dtype=np.int64)
             return Given(none, np.empty((0, m)), np.empty((0, m)), none)
-        row, least, most, to = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        row, least, most, to = (np.concatenate(parts) for parts in zip(*chunks, strict=True))
         return Given(row, least, most, to)
 
     def _columns(self, low: Array, high: Array) -> Array:
@@ -385,8 +385,8 @@ class LawRanges:
         left = np.arange(len(columns))  # boxes for which no option is sure yet
         for group in self._groups[mode]:
             decided, certain = (np.zeros(len(left), dtype=bool) for _ in range(2))
-            for found in self._found(group, columns[left]):
-                for to, (may, sure, least, most) in zip(group.to, found, strict=True):
+            for options in self._found(group, columns[left]):
+                for to, (may, sure, least, most) in zip(group.to, options, strict=True):
                     row = np.flatnonzero((may > 0) & ~decided)
                     yield left[row], least[row], most[row], np.full(len(row), to)
                     certain |= sure > 0
@@ -398,11 +398,11 @@ class LawRanges:
         """For each part of the inputs: may, sure, least and greatest inputs of each option."""
         m, count = len(self._inputs), len(group.to)
         for part in itertools.product(*self._parts) if group.free else [((0.0, 0.0),) * m]:
-            given = np.tile(np.ravel(part), (len(columns), 1))
-            rows = np.concatenate([columns, given], axis=1)
+            inputs = np.tile(np.ravel(part), (len(columns), 1))
+            rows = np.concatenate([columns, inputs], axis=1)
             wide = 2 + 2 * m
-            found = self._leaves.values(group.leaf, len(rows), count * wide, rows)
-            split = (found[:, k * wide : (k + 1) * wide] for k in range(count))
+            numbers = self._leaves.values(group.leaf, len(rows), count * wide, rows)
+            split = (numbers[:, k * wide : (k + 1) * wide] for k in range(count))
             yield [(o[:, 0], o[:, 1], o[:, 2 : 2 + m], o[:, 2 + m :]) for o in split]
 
     def _grouped(
@@ -413,7 +413,7 @@ class LawRanges:
         A program of which anything may be wanted gives any input that meets its conditions, and
         what it gives where they are relaxed.
         """
-        found: list[tuple[bool, list[Option | Program]]] = []
+        groups: list[tuple[bool, list[Option | Program]]] = []
         for option in options:
             several: list[Option | Program] = [option]
             if isinstance(option, Program) and option.wanted is None:
@@ -425,12 +425,12 @@ class LawRanges:
             for one in several:
                 free = not symbols_of(one.expressions).isdisjoint(self._inputs)
                 alone = free or isinstance(one, Program)
-                if alone or not found or found[-1][0] or len(found[-1][1]) == TOGETHER:
-                    found.append((free, []))
-                found[-1][1].append(one)
+                if alone or not groups or groups[-1][0] or len(groups[-1][1]) == TOGETHER:
+                    groups.append((free, []))
+                groups[-1][1].append(one)
                 if isinstance(one, Program):
-                    found.append((False, []))
-        return [(free, some) for free, some in found if some]
+                    groups.append((False, []))
+        return [(free, some) for free, some in groups if some]
 
     def _leaf(self, options: Sequence[Option | Program]) -> tuple[Leaf, tuple[int, ...]]:
         """Of each option whether it may be taken, whether it surely is where none before is, and
@@ -439,30 +439,30 @@ class LawRanges:
         symbols = [*self._states, *lookup, *self._inputs]
         steps = Steps(expanded=True)
         names = [f"q{i}" for i in range(2 * len(symbols))]
-        known = {s.name: constant(steps, *ends) for s, ends in self._free.items()}
-        known |= dict(zip((s.name for s in symbols), pairs(steps, names), strict=True))
-        known[TIME_IN_MODE.name] = number(steps, math.nan)
+        ranges = {s.name: constant(steps, *ends) for s, ends in self._free.items()}
+        ranges |= dict(zip((s.name for s in symbols), pairs(steps, names), strict=True))
+        ranges[TIME_IN_MODE.name] = number(steps, math.nan)
         results, to = [], []
         for option in options:
             tape = Tape(option.expressions)
-            row = tape.of(tape.values(steps, known))
+            row = tape.of(tape.values(steps, ranges))
             when, rest = row[: len(option.when)], row[len(option.when) :]
             may = every(steps, [~(c.low > 0.0) for c in when])
             # where a condition is 0 the next option may be taken as well
             sure = every(steps, [c.high < 0.0 for c in when])
-            given = [Chosen(may, sure, rest)]
+            outcomes = [Chosen(may, sure, rest)]
             if isinstance(option, Program):
-                given = [Chosen(may & g.may, sure & g.sure, g.inputs)
-                         for g in self._of_program(steps, option, rest, known)]  # fmt: skip
-                given.append(Chosen(~every(steps, []), sure, given[-1].inputs))
-            for g in given:
+                outcomes = [Chosen(may & g.may, sure & g.sure, g.inputs)
+                            for g in self._of_program(steps, option, rest, ranges)]  # fmt: skip
+                outcomes.append(Chosen(~every(steps, []), sure, outcomes[-1].inputs))
+            for g in outcomes:
                 results += [choose(flag, 1.0, 0.0) for flag in (g.may, g.sure)]
                 results += [*(e.low for e in g.inputs), *(e.high for e in g.inputs)]
                 to.append(option.to)
         return Leaf(steps, {"q": names}, results), tuple(to)
 
     def _of_program(
-        self, steps: Steps, p: Program, row: Row, known: Mapping[str, Interval]
+        self, steps: Steps, p: Program, row: Row, ranges: Mapping[str, Interval]
     ) -> Iterator[Chosen]:
         """What a safeguard gives, limited as actuators limit it."""
         m, count = len(self._inputs), len(p.rows)
@@ -479,7 +479,7 @@ class LawRanges:
         every_input = [constant(steps, e[0], e[-1]) for e in self.law.parts]
         for g in choices(values):
             u = [chosen(q.unknown, infinite, q) for q in g.inputs or every_input]
-            at = {**known, **dict(zip(inputs, u, strict=True))}
+            at = {**ranges, **dict(zip(inputs, u, strict=True))}
             yield Chosen(g.may, g.sure, limits.of(limits.values(steps, at)))
 
 

@@ -74,51 +74,51 @@ class Tape:
         plain = ("number", "pi", "symbol", "negative", *_OPERATORS.values(), *SMOOTH)
         return all(o.name in plain for o in self.operations)
 
-    def values(self, steps: Steps, known: Known) -> Row:
+    def values(self, steps: Steps, ranges: Known) -> Row:
         """Of every operation."""
-        found: Row = []
+        row: Row = []
         for o in self.operations:
-            found.append(_value(steps, o, [found[k] for k in o.arguments], known))
-        return found
+            row.append(_value(steps, o, [row[k] for k in o.arguments], ranges))
+        return row
 
     def slopes(self, values: Row, by: Known) -> Slopes:
         """Of every operation, along numbers that change at these rates."""
-        found: Slopes = []
+        all_slopes: Slopes = []
         for o, value in zip(self.operations, values, strict=True):
             if o.name == "symbol":
-                found.append(by.get(o.of))
+                all_slopes.append(by.get(o.of))
                 continue
-            slopes = [found[k] for k in o.arguments]
+            slopes = [all_slopes[k] for k in o.arguments]
             none = all(s is None for s in slopes)
-            found.append(
+            all_slopes.append(
                 None if none else _slope(o, value, [values[k] for k in o.arguments], slopes)
             )
-        return found
+        return all_slopes
 
     def of(self, row: Sequence[Any]) -> list[Any]:
         """What is said of the expressions, from what is said of every operation."""
         return [row[k] for k in self.results]
 
-    def series(self, steps: Steps, known: Known, moving: Sequence[str], terms: int) -> list[Row]:
+    def series(self, steps: Steps, ranges: Known, moving: Sequence[str], terms: int) -> list[Row]:
         """Coefficients in time of a trajectory with these rates of the moving quantities.
 
         x_0 is known, x_(k+1) = f(x)_k / (k + 1): a row for each quantity. Raises `ValueError` where
         the rates have no series.
         """
-        values = self.values(steps, known)
+        values = self.values(steps, ranges)
         series: list[list[Interval | None]] = [[v] for v in values]
-        found = [[known[name]] for name in moving]
+        coefficients = [[ranges[name]] for name in moving]
         for k in range(terms - 1):
             share = Interval.point(steps, float(k + 1)).inverse()
-            for row, rate in zip(found, self.of(series), strict=True):
+            for row, rate in zip(coefficients, self.of(series), strict=True):
                 row.append(_or_zero(steps, rate[k]) * share)
-            rows = dict(zip(moving, found, strict=True))
-            for o, own in zip(self.operations, series if k + 2 < terms else [], strict=False):
+            rows = dict(zip(moving, coefficients, strict=True))
+            for o, expansion in zip(self.operations, series if k + 2 < terms else [], strict=False):
                 if o.name == "symbol":
-                    own.append(rows[o.of][k + 1] if o.of in rows else None)
+                    expansion.append(rows[o.of][k + 1] if o.of in rows else None)
                 else:
-                    own.append(_term(steps, o, [series[j] for j in o.arguments], k + 1))
-        return found
+                    expansion.append(_term(steps, o, [series[j] for j in o.arguments], k + 1))
+        return coefficients
 
     def _of(self, body: ast.expr) -> int:
         """The number of a text's last operation: sums of any length, without recursion."""
@@ -159,12 +159,12 @@ class Tape:
 
     def _power(self, base: int, exponent: Fraction) -> int:
         whole, half = divmod(int(abs(2 * exponent)), 2)
-        found = self._new("power", base, of=whole) if whole else None
+        power = self._new("power", base, of=whole) if whole else None
         if half:
             root = self._new("root", base)
-            found = root if found is None else self._new("*", found, root)
-        assert found is not None
-        return found if exponent > 0 else self._new("inverse", found)
+            power = root if power is None else self._new("*", power, root)
+        assert power is not None
+        return power if exponent > 0 else self._new("inverse", power)
 
     def _new(self, name: str, *arguments: int, of: Any = None) -> int:
         """Numbers of numbers are folded, squares and first powers told by what they are."""
@@ -217,7 +217,7 @@ def _folded(name: str, numbers: Sequence[Fraction], of: Any) -> Fraction | None:
 # -- values, slopes and terms of one operation ---------------------------------------------------
 
 
-def _value(steps: Steps, o: Operation, x: Row, known: Known) -> Interval:
+def _value(steps: Steps, o: Operation, x: Row, ranges: Known) -> Interval:
     match o.name:
         case "number":
             return number(steps, o.of)
@@ -225,7 +225,7 @@ def _value(steps: Steps, o: Operation, x: Row, known: Known) -> Interval:
             low, high = enclosure.PI_LOW, enclosure.PI_HIGH
             return Interval(steps.constant(low, FLOAT), steps.constant(high, FLOAT))
         case "symbol":
-            return known[o.of]
+            return ranges[o.of]
         case "negative":
             return -x[0]
         case "+":
@@ -238,8 +238,8 @@ def _value(steps: Steps, o: Operation, x: Row, known: Known) -> Interval:
             return _coefficients(steps, o, x[0], 0)[0]
         case "length" | "angle":  # the last argument is for slopes
             return FUNCTIONS[o.name](*x[:2])
-    found: Interval = FUNCTIONS[o.name](*x)
-    return found
+    interval: Interval = FUNCTIONS[o.name](*x)
+    return interval
 
 
 def number(steps: Steps, exact: Fraction) -> Interval:
@@ -349,11 +349,11 @@ def _slope(o: Operation, value: Interval, x: Row, slopes: Slopes) -> Interval:
         case "angle" | "atan2":
             over = (x[0].power(2) + x[1].power(2)).inverse()
             by = [x[1] * over, -(x[0] * over)]
-            found = _added(
+            slope = _added(
                 *(None if s is None else b * s for b, s in zip(by, slopes, strict=False))
             )
             jumps = ~((x[1].low > 0.0) | (x[0].low > 0.0) | (x[0].high < 0.0))
-            return unknown_where(jumps, found)
+            return unknown_where(jumps, slope)
         case "wrap":
             assert first is not None
             jumps = (value.low <= -enclosure.PI_LOW) & (value.high >= enclosure.PI_LOW)
@@ -386,10 +386,10 @@ def _composed(g: Row, x: list[Interval | None], k: int) -> Interval | None:
     def product(*factors: Interval | None) -> Interval | None:
         if None in factors:
             return None
-        found, *others = (f for f in factors if f is not None)
+        multiplied, *others = (f for f in factors if f is not None)
         for other in others:
-            found = found * other
-        return found
+            multiplied = multiplied * other
+        return multiplied
 
     parts = [product(g[1], x[k])]
     if k == 2:
@@ -405,12 +405,12 @@ def _powered(x: Interval | None, exponent: int) -> Interval | None:
 
 
 def _added(*parts: Interval | None) -> Interval:
-    found: Interval | None = None
+    total: Interval | None = None
     for part in parts:
         if part is not None:
-            found = part if found is None else found + part
-    assert found is not None
-    return found
+            total = part if total is None else total + part
+    assert total is not None
+    return total
 
 
 def _or_zero(steps: Steps, x: Interval | None) -> Interval:

@@ -84,7 +84,7 @@ def _leaf(name: str, leaf: Leaf, real: str, place: str, into: str) -> str:
     """A leaf of nodes or rows: w its states, u what is the same everywhere."""
     body = Body(leaf.steps, leaf.results, "    ")
     used = _inputs(leaf.steps, leaf.results)
-    given = {
+    places = {
         n: f"{a}[{k}]" for a in ("w", "u") for k, n in enumerate(leaf.arguments[a]) if n in used
     }
     ends = [
@@ -95,7 +95,7 @@ def _leaf(name: str, leaf: Leaf, real: str, place: str, into: str) -> str:
         [
             f"HF_FUNCTION void hf_{name}(const double *w, const double *u, {into})",
             "{",
-            *_declared(given, "double"),
+            *_declared(places, "double"),
             *body.lines,
             *ends,
             "}",
@@ -117,13 +117,13 @@ def _scheme(scheme: Scheme, precision: str, real: str) -> Iterable[str]:
     leaf = scheme.leaf(precision, plain=False)
     for name, result in zip(("upper", "lower"), leaf.results, strict=True):
         body = Body(leaf.steps, [result], "    ", real, fused=True)
-        given = {f"n{k}": f"n[{k}]" for k in range(2 * scheme.ghosts)}
+        places = {f"n{k}": f"n[{k}]" for k in range(2 * scheme.ghosts)}
         used = _inputs(leaf.steps, [result])
         yield "\n".join(
             [
                 f"HF_FUNCTION hf_real hf_{name}(const hf_real *n)",
                 "{",
-                *_declared({k: v for k, v in given.items() if k in used}, real),
+                *_declared({k: v for k, v in places.items() if k in used}, real),
                 *body.lines,
                 f"    return {body.text(result.number)};",
                 "}",
@@ -134,10 +134,10 @@ def _scheme(scheme: Scheme, precision: str, real: str) -> Iterable[str]:
 def _node(stage: Stage, real: str) -> str:
     """From the slopes in cells on both sides of a node, and its plain differences, to its value."""
     n = stage.axes
-    given = {name: f"numbers[{k}]" for k, name in enumerate(names_of_numbers(n))}
+    places = {name: f"numbers[{k}]" for k, name in enumerate(names_of_numbers(n))}
     names = [f"{x}{i}" for x in ("mean", "gap") for i in range(n)]
     lines = [
-        *_declared(given, real),
+        *_declared(places, real),
         f"    {real} {', '.join(names)}, rate;",
         *_rate(stage, real, "", "rate", 0, declared=False),
     ]
@@ -204,22 +204,22 @@ def _rate(
     n, rates = stage.axes, stage.rates
     rate, along = rates.rate, rates.along
     of_rate = real if rate.algebraic else "double"
-    slopes, found = stage.slopes()
-    means = Body(slopes, found, "            ", real, fused=True)
+    slopes, results = stage.slopes()
+    means = Body(slopes, results, "            ", real, fused=True)
     names = [f"{x}{i}" for x in ("mean", "gap") for i in range(n)]
     sides = {f"{x}{i}": f"{kind}{x}[{i}]" for i in range(n) for x in ("below", "above")}
     wanted = rate.results[result]
     used = _inputs(rate.steps, [wanted])
-    own: dict[str, str] = {}
+    places: dict[str, str] = {}
     for k, argument in enumerate(rate.arguments["w"]):
         if k < along:
-            own[argument] = f"along[{k} * pitch]"
+            places[argument] = f"along[{k} * pitch]"
         elif k < along + rates.of_row:
-            own[argument] = f"(hf_real)of_row[{rates.outer + k - along} * HF_MOST_ROWS]"
+            places[argument] = f"(hf_real)of_row[{rates.outer + k - along} * HF_MOST_ROWS]"
         else:
             i = k - along - rates.of_row
-            own[argument] = f"{'mean' if i < n else 'gap'}{i % n}"
-    own |= {x: f"of_row[{k} * HF_MOST_ROWS]" for k, x in enumerate(rate.arguments["u"])}
+            places[argument] = f"{'mean' if i < n else 'gap'}{i % n}"
+    places |= {x: f"of_row[{k} * HF_MOST_ROWS]" for k, x in enumerate(rate.arguments["u"])}
     body = Body(rate.steps, [wanted], "            ", of_rate)
     return [
         "    {",
@@ -227,10 +227,13 @@ def _rate(
         "        {",
         *_declared(sides, real, "            "),
         *means.lines,
-        *(f"            {x} = {means.text(v.number)};" for x, v in zip(names, found, strict=True)),
+        *(
+            f"            {x} = {means.text(v.number)};"
+            for x, v in zip(names, results, strict=True)
+        ),
         "        }",
         "        {",
-        *_declared({k: v for k, v in own.items() if k in used}, of_rate, "            "),
+        *_declared({k: v for k, v in places.items() if k in used}, of_rate, "            "),
         *body.lines,
         f"            {name} = ({real})({body.text(wanted.number)});",
         "        }",
@@ -244,8 +247,8 @@ def _inputs(steps: Steps, results: Sequence[Value]) -> set[str]:
     return {steps.list[k].given for k in needed if steps.list[k].operation == "input"}
 
 
-def _declared(given: Mapping[str, str], real: str, indent: str = "    ") -> list[str]:
-    return [f"{indent}const {real} {name} = ({real}){place};" for name, place in given.items()]
+def _declared(places: Mapping[str, str], real: str, indent: str = "    ") -> list[str]:
+    return [f"{indent}const {real} {name} = ({real}){place};" for name, place in places.items()]
 
 
 class DeviceSweeping:
@@ -269,9 +272,9 @@ class DeviceSweeping:
         self._units = march.units
         arrays = 1 + max(self._stages - 1, 1) + sum(b is not None for b in (upper, lower))
         device.check_memory(arrays * values.nbytes, f"{arrays} arrays of {len(values):,} nodes")
-        own = self._xp.asarray(values)
-        own = own.copy() if own is values else own
-        self._arrays = [own, *(own.copy() for _ in range(max(self._stages - 1, 1)))]
+        on_device = self._xp.asarray(values)
+        on_device = on_device.copy() if on_device is values else on_device
+        self._arrays = [on_device, *(on_device.copy() for _ in range(max(self._stages - 1, 1)))]
         self._flags = self._xp.ones((max(self._stages, 2), self._units), dtype=np.uint8)
         self._bounds_here = upper, lower
         self._bounds: list[Any] = []
@@ -310,7 +313,7 @@ class DeviceSweeping:
         """Carry out a stage of a step: units computed, nodes not finite, the largest move."""
         xp, stages, arrays, flags = self._xp, self._stages, self._arrays, self._flags
         last = s == stages - 1
-        own = flags[1:stages] if last and stages > 1 else flags[:1]
+        later = flags[1:stages] if last and stages > 1 else flags[:1]
         many = stages - 1 if last else 0
         self._out = arrays[1] if stages == 1 else arrays[0 if last else s + 1]
         here, there = flags[s], flags[(s + 1) % len(flags)]
@@ -325,7 +328,7 @@ class DeviceSweeping:
             "hf_measured" if measures else "hf_stage",
             min(self._units, self._device.blocks),
             self._grid, np.int64(self._units), self._axes, self._pitch, u, numbers, self._table,
-            arrays[s], arrays[0], before, *self._bounds, self._out, here, there, own,
+            arrays[s], arrays[0], before, *self._bounds, self._out, here, there, later,
             np.int64(many), counts,
         )  # fmt: skip
         if self._fold is not None:
@@ -333,8 +336,8 @@ class DeviceSweeping:
         if stages == 1:
             arrays.reverse()
             self._flags = flags[::-1]
-        found = self._device.fetched(counts)
-        return np.array([found[0], found[1], found[2:].view(np.float64)[0]], dtype=np.float64)
+        totals = self._device.fetched(counts)
+        return np.array([totals[0], totals[1], totals[2:].view(np.float64)[0]], dtype=np.float64)
 
     def not_finite(self) -> int:
         """The first of the nodes that the last stage has made not finite."""

@@ -458,8 +458,8 @@ class March:
         self.varying = any(e.has(TIME) for e in (hamiltonian.value, *hamiltonian.speeds))
         self.speeds = np.zeros(len(axes))  # largest along every axis, for a global dissipation
         symbols = [q.symbol for q in hamiltonian.system.states]
-        own = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
-        self.fastest = fastest or own.at
+        largest = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
+        self.fastest = fastest or largest.at
         self.share, self.bent = leeway
         self.leeway = self.share * start_rate if filtered else math.inf
         ends = np.zeros((len(axes), 4)) if falls is None else np.array(falls, dtype=np.float64)
@@ -588,7 +588,7 @@ class March:
             if dt != step or not self.method.skip or self.varying or refresh is not None:
                 sweeping.all_again()
                 step = dt
-            found = np.zeros(3)
+            counts = np.zeros(3)
             done.measured = (
                 done.steps < ALL_MEASURED or done.steps % MEASURED == 0 or ends is not None
             )
@@ -600,15 +600,15 @@ class March:
                     sweeping.bounds_moved()
                 measures = last and done.measured and nearest > 0
                 numbers = self.numbers(dt, weight, (floor, ceiling, nearest))
-                found = sweeping.stage(s, self.u(start + fraction * dt), numbers, measures)
-                done.computed += int(found[0])
-                if found[1]:
-                    raise self.not_finite(sweeping.not_finite(), int(found[1]), start + dt)
+                counts = sweeping.stage(s, self.u(start + fraction * dt), numbers, measures)
+                done.computed += int(counts[0])
+                if counts[1]:
+                    raise self.not_finite(sweeping.not_finite(), int(counts[1]), start + dt)
             done.of += self.units * len(stages)
             done.steps += 1
             done.time = start + dt if ends is None else ends
             if done.measured:
-                done.moved(float(found[2]) / dt)
+                done.moved(float(counts[2]) / dt)
             done.fixed = sweeping.fixed
             done.seconds = time.perf_counter() - began
             if keep is not None and ends is not None:

@@ -72,19 +72,19 @@ class Level(MarchArrays):
         """A step of all units, or of these, that are not settled: how many it computed, and how
         fast the set moved [cells/s]."""
         march, computed = self.march, 0
-        found, u = np.zeros(3), march.u(begin)
+        counts, u = np.zeros(3), march.u(begin)
         for s, (weight, _) in enumerate(march.method.steps.stages):
             if units is not None:
                 here = self.marks(s)[0]
                 here &= units
             measures = s == self.stages - 1 and measure and self.numbers[2] > 0
-            found = self.swept(workers, s, u, march.numbers(dt, weight, self.numbers), measures)
-            computed += int(found[0])
-            if found[1]:
+            counts = self.swept(workers, s, u, march.numbers(dt, weight, self.numbers), measures)
+            computed += int(counts[0])
+            if counts[1]:
                 place = first_not_finite(self.out(s))
-                raise march.not_finite(place, int(found[1]), begin + dt)
+                raise march.not_finite(place, int(counts[1]), begin + dt)
             self.ended(s)
-        return computed, float(found[2]) / dt
+        return computed, float(counts[2]) / dt
 
 
 Flags = npt.NDArray[np.bool_]
@@ -117,22 +117,22 @@ class Blocks:
 
     def wider(self, chosen: Flags, axes: int | None = None) -> Flags:
         """The chosen blocks and their neighbours along the first axes, diagonal ones too."""
-        found = chosen
+        wide = chosen
         for i in range(len(self.shape) if axes is None else axes):
-            found = found | self._shifted(found, i, 1) | self._shifted(found, i, -1)
-        return found
+            wide = wide | self._shifted(wide, i, 1) | self._shifted(wide, i, -1)
+        return wide
 
     def beside(self, chosen: Flags) -> Flags:
         """The blocks next to the chosen ones along an axis that are not chosen."""
-        found = np.zeros_like(chosen)
+        near = np.zeros_like(chosen)
         for i in range(len(self.shape)):
-            found |= self._shifted(chosen, i, 1) | self._shifted(chosen, i, -1)
-        return found & ~chosen
+            near |= self._shifted(chosen, i, 1) | self._shifted(chosen, i, -1)
+        return near & ~chosen
 
     def _shifted(self, flags: Flags, axis: int, by: int) -> Flags:
         """The flag of the block before each one along an axis, or of that after it (-1)."""
-        found = np.zeros_like(flags)
-        before, rows = np.moveaxis(flags, axis, 0), np.moveaxis(found, axis, 0)
+        shifted = np.zeros_like(flags)
+        before, rows = np.moveaxis(flags, axis, 0), np.moveaxis(shifted, axis, 0)
         if by > 0:
             rows[1:] = before[:-1]
         else:
@@ -143,7 +143,7 @@ class Blocks:
             if self._thin[axis]:
                 here, there = (0, -2) if by > 0 else (-2, 0)
                 rows[here] |= before[there]
-        return found
+        return shifted
 
     def near(self, chosen: Flags, crossed: Bits) -> Flags:
         """The blocks near a change of the sign of a value.
@@ -151,22 +151,22 @@ class Blocks:
         crossed: where it changes in every block (`BlockTasks.crossed`): anywhere, in the first or
         the last nodes along the last axis. In other directions all blocks beside it are near.
         """
-        found, last = (crossed & CROSSED) > 0, len(self.shape) - 1
-        low = np.where(chosen, (crossed & CROSSED_LOW) > 0, found)
-        high = np.where(chosen, (crossed & CROSSED_HIGH) > 0, found)
-        found |= self._shifted(high, last, 1) | self._shifted(low, last, -1)
-        return self._to_the_ends(self.wider(found, last))
+        close, last = (crossed & CROSSED) > 0, len(self.shape) - 1
+        low = np.where(chosen, (crossed & CROSSED_LOW) > 0, close)
+        high = np.where(chosen, (crossed & CROSSED_HIGH) > 0, close)
+        close |= self._shifted(high, last, 1) | self._shifted(low, last, -1)
+        return self._to_the_ends(self.wider(close, last))
 
     def _to_the_ends(self, chosen: Flags) -> Flags:
         """With the blocks at the ends of the grid beside them: what is beyond is continued from the
         nodes of one grid only."""
-        found = chosen.copy()
+        extended = chosen.copy()
         for i, around in enumerate(self.periodic):
             if not around and self.counts[i] > 1:
-                rows = np.moveaxis(found, i, 0)
+                rows = np.moveaxis(extended, i, 0)
                 rows[0] |= rows[1]
                 rows[-1] |= rows[-2]
-        return found
+        return extended
 
     def units(self, chosen: Flags) -> npt.NDArray[np.uint8]:
         """1 for the units of a sweep that are in chosen blocks; a unit is a stretch of a row."""
@@ -200,11 +200,11 @@ class BlockCode:
 
     def __init__(self, precision: str) -> None:
         folder, files = resources.files(__package__), ("stencils", "block_sweep")
-        known = read("\n".join((folder / f"{name}.py").read_text("utf-8") for name in files))
-        text = scalars_text(known, ENTRIES, single=precision == "float32", fused=True)
+        parsed = read("\n".join((folder / f"{name}.py").read_text("utf-8") for name in files))
+        text = scalars_text(parsed, ENTRIES, single=precision == "float32", fused=True)
         machine = compiled_text(text, optimised=True)
         self._functions = {
-            name: machine.function(name, len(known.functions[name].parameters)) for name in ENTRIES
+            name: machine.function(name, len(parsed.functions[name].parameters)) for name in ENTRIES
         }
         self._kind = np.dtype(precision)
 
@@ -213,11 +213,11 @@ class BlockCode:
         code, counts_too = self._functions[name], name == ENTRIES[-1]
         wholes, values = 8 * len(sizes) + 2, (2 ** (len(sizes) - 1) + 2) * (sizes[-1] + 2)
 
-        def called(turn: Numbers, slices: Numbers, *given: Any) -> None:
+        def called(turn: Numbers, slices: Numbers, *arguments: Any) -> None:
             room, rows = np.zeros(wholes, dtype=np.int64), np.empty(values, dtype=self._kind)
-            counted = [address(given[-1])] if counts_too else []
+            counted = [address(arguments[-1])] if counts_too else []
             code(
-                address(turn), address(slices), len(slices) - 1, *given[:-1], *counted,
+                address(turn), address(slices), len(slices) - 1, *arguments[:-1], *counted,
                 address(room), address(rows),
             )  # fmt: skip
 
@@ -238,20 +238,20 @@ class BlockTasks:
         self._of = np.array([*blocks.shape, *blocks.coarse, *blocks.sizes, *blocks.counts,
                              *blocks.periodic], dtype=np.int64)  # fmt: skip
 
-    def _run(self, name: str, count: int, *given: Any) -> Counts:
+    def _run(self, name: str, count: int, *arguments: Any) -> Counts:
         """Shared by the threads where there is much to do; count: of the blocks."""
         function = self._code.function(name, self._blocks.sizes)
         if count * math.prod(self._blocks.sizes) > ALONE:
             self._workers.share(0, count)
-            return self._workers.run(function, *given)
+            return self._workers.run(function, *arguments)
         counts = np.zeros(3)
-        function(np.zeros(1, dtype=np.int64), np.array([0, count]), *given, counts)
+        function(np.zeros(1, dtype=np.int64), np.array([0, count]), *arguments, counts)
         return counts
 
-    def _of_chosen(self, name: str, chosen: Flags, *given: Any) -> None:
+    def _of_chosen(self, name: str, chosen: Flags, *arguments: Any) -> None:
         blocks = np.flatnonzero(chosen)
         if len(blocks):
-            self._run(name, len(blocks), address(blocks), *self._shape, *given)
+            self._run(name, len(blocks), address(blocks), *self._shape, *arguments)
 
     @property
     def _shape(self) -> tuple[int, int]:
@@ -278,10 +278,10 @@ class BlockTasks:
 
         In the chosen blocks the value is that of their grid, in others that of the coarser one.
         """
-        found = np.zeros(chosen.shape, dtype=np.uint8)
-        given = (address(chosen), address(values), address(coarse), reach, address(found))
-        self._run("look_over", chosen.size, *self._shape, *given)
-        return found
+        bits = np.zeros(chosen.shape, dtype=np.uint8)
+        arguments = (address(chosen), address(values), address(coarse), reach, address(bits))
+        self._run("look_over", chosen.size, *self._shape, *arguments)
+        return bits
 
     def hand_down(self, chosen: Flags, values: Numbers, coarse: Numbers) -> None:
         """The values of the chosen blocks to the nodes of the coarser grid in them."""
@@ -297,8 +297,8 @@ class BlockTasks:
         """The largest share of its value that a node of the coarser grid changed by, of those on a
         side of zero (1 or -1) that are in no chosen block."""
         numbers = np.array([side, nearest])
-        given = (address(chosen), address(before), address(now), address(numbers))
-        return float(self._run("losses", chosen.size, *self._shape, *given)[2])
+        arguments = (address(chosen), address(before), address(now), address(numbers))
+        return float(self._run("losses", chosen.size, *self._shape, *arguments)[2])
 
 
 SIDE = {1: 16, 2: 8}
@@ -376,19 +376,19 @@ class RefinedMarch:
         """Every grid with the coarser ones; the finest has these arrays."""
         thinner: list[Arrays] = [arrays]
         for blocks in reversed(self.blocks):
-            own = [None if a is None else blocks.thinned(a).ravel() for a in thinner[0]]
-            assert own[0] is not None
-            thinner.insert(0, (own[0], own[1], own[2]))
-        found: _Base | _Pair | None = None
+            thinned = [None if a is None else blocks.thinned(a).ravel() for a in thinner[0]]
+            assert thinned[0] is not None
+            thinner.insert(0, (thinned[0], thinned[1], thinned[2]))
+        pair: _Base | _Pair | None = None
         for k, (march, own_arrays) in enumerate(zip(self.marches, thinner, strict=True)):
             level = Level(march, own_arrays[0], own_arrays[1:], numbers)
             workers = stack.enter_context(Workers(march.code, march.threads, march.places))
-            if found is None:
-                found = _Base(level, workers)
+            if pair is None:
+                pair = _Base(level, workers)
             else:
-                found = _Pair(level, workers, found, self.blocks[k - 1], self.every, self.side)
-        assert isinstance(found, _Pair)
-        return found
+                pair = _Pair(level, workers, pair, self.blocks[k - 1], self.every, self.side)
+        assert isinstance(pair, _Pair)
+        return pair
 
     def _intervals(
         self, times: Sequence[float]

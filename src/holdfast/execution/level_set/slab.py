@@ -135,13 +135,13 @@ class Part:
     def wanted(self, others: Sequence[Part]) -> list[tuple[int, list[int]]]:
         """The parts that hand something over to this one, and of which layers of the grid."""
         halo, of = set(self.layers.tolist()), self.of
-        found = []
+        senders = []
         for k, other in enumerate(others):
             near = range(other.first - of.reach, other.last + of.reach)
             theirs = {j % of.count if of.around else j for j in near}
             if (other != self or of.around) and (both := sorted(halo & theirs)):
-                found.append((k, both))
-        return found
+                senders.append((k, both))
+        return senders
 
     def units(self, layer: int) -> slice:
         """The units of one of its layers."""
@@ -218,37 +218,37 @@ class Slab(Sweeping):
         self._latest = 0
 
     def marks(self, s: int) -> tuple[Flags, Flags, Flags]:
-        here, there, own = super().marks(s)
-        return here, there, self._rows[1:] if len(own) else self._rows[-1:]
+        here, there, later = super().marks(s)
+        return here, there, self._rows[1:] if len(later) else self._rows[-1:]
 
     def _narrow(self, s: int, here: Flags) -> None:
         super()._narrow(s, here)
         part, k = self.part, s % self._stages
-        own = part.own_layers
+        inner = part.own_layers
         around = part.of.reach * (self._stages - 1 - k)
-        here[: part.units(max(own.start - around, 0)).start] = 0
-        here[part.units(own.stop + around).start :] = 0
+        here[: part.units(max(inner.start - around, 0)).start] = 0
+        here[part.units(inner.stop + around).start :] = 0
         self._rows[-1] = 0
         self._computed = int(here[self._own].sum())
 
     @property
     def _own(self) -> slice:
-        own = self.part.own_layers
-        return slice(self.part.units(own.start).start, self.part.units(own.stop).start)
+        inner = self.part.own_layers
+        return slice(self.part.units(inner.start).start, self.part.units(inner.stop).start)
 
     def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
-        found = super().stage(s, u, numbers, measures)
-        found[0] = self._computed
-        if found[1] and self._stages > 1:  # some of them may lie in the halo
-            found[1] = np.count_nonzero(not_finite(self.own_values(self._out)))
+        counts = super().stage(s, u, numbers, measures)
+        counts[0] = self._computed
+        if counts[1] and self._stages > 1:  # some of them may lie in the halo
+            counts[1] = np.count_nonzero(not_finite(self.own_values(self._out)))
         self._latest = 0 if s == self.stages - 1 else s + 1
-        return found
+        return counts
 
     def own_values(self, array: Array | None = None) -> Array:
         """Those of the part without its halo."""
-        own = self.part.own
+        inner = self.part.own
         array = self.values() if array is None else array
-        return array[own.start * self._layer : own.stop * self._layer]
+        return array[inner.start * self._layer : inner.stop * self._layer]
 
     def largest(self) -> float:
         return float(self.own_values().max())
@@ -264,24 +264,24 @@ class Slab(Sweeping):
     def edges(self, wanted: Sequence[int]) -> Edges:
         """Of these layers of the grid what has become of them here since the last exchange."""
         part, array = self.part, self.arrays[self._latest]
-        own, reach = part.own_layers, part.of.reach
-        near = range(max(own.start - reach, 0), min(own.stop + reach, len(part.layers)))
+        inner, reach = part.own_layers, part.of.reach
+        near = range(max(inner.start - reach, 0), min(inner.stop + reach, len(part.layers)))
         asked = set(wanted)
         mine = [j for j in near if int(part.layers[j]) in asked]
         flags = np.array([self._rows[:, part.units(j)] for j in mine])
-        sent = [j for j in mine if j in own and self._rows[-1, part.units(j)].any()]
+        sent = [j for j in mine if j in inner and self._rows[-1, part.units(j)].any()]
         values = [array[self._nodes(j)] for j in sent]
         named = part.layers.tolist()
         return Edges([named[j] for j in mine], flags, [named[j] for j in sent], values)
 
-    def take(self, found: Sequence[Edges]) -> None:
+    def take(self, received: Sequence[Edges]) -> None:
         """What other parts, or this one at the other end, have handed over."""
-        array, own = self.arrays[self._latest], self.part.own_layers
-        halo = {k: [j for j in at if j not in own] for k, at in self._of.items()}
+        array, inner = self.arrays[self._latest], self.part.own_layers
+        halo = {k: [j for j in at if j not in inner] for k, at in self._of.items()}
         if self.stages == 1:  # where nothing was handed over, the last two steps are equal
             for j in (j for at in halo.values() for j in at):
                 array[self._nodes(j)] = self.arrays[1][self._nodes(j)]
-        for edges in found:
+        for edges in received:
             for k, flags in zip(edges.marked, edges.flags, strict=True):
                 for j in self._of[k]:
                     self._rows[:, self.part.units(int(j))] |= flags

@@ -91,8 +91,8 @@ class Schedule:
         return [self._part(e) for e in reduced]
 
     def _where(self, e: sp.Expr) -> frozenset[int]:
-        known = (self._level_of.get(s, frozenset()) for s in e.free_symbols)
-        return frozenset().union(*known)
+        levels = (self._level_of.get(s, frozenset()) for s in e.free_symbols)
+        return frozenset().union(*levels)
 
     def _level(self, where: frozenset[int]) -> int:
         """The level at which a part with these dependences is computed; the table counts as one."""
@@ -136,7 +136,7 @@ class Schedule:
             groups: dict[int, list[sp.Expr]] = {}
             for a in e.args:
                 groups.setdefault(self._level(self._where(a)), []).append(a)
-            own = [self._rewritten(a, self._where(a)) for a in groups.pop(level, [])]
+            at_level = [self._rewritten(a, self._where(a)) for a in groups.pop(level, [])]
             outer: list[sp.Expr] = []
             for k in sorted(groups):
                 both = e.func(*outer, *groups[k])
@@ -144,7 +144,7 @@ class Schedule:
                     outer.append(self._symbol(e.func(*groups[k])))
                 else:
                     outer = [self._symbol(both)]
-            return e.func(*outer, *own)
+            return e.func(*outer, *at_level)
         arguments = []
         for a in e.args:
             inside = self._where(a)
@@ -241,13 +241,13 @@ def _leaf(
     """The leaf of statements that follow one another; w are the rows, u what is the same."""
     steps = Steps(expanded=True)
     names = {"w": [f"w{i}" for i in range(len(rows))], "u": [f"u{i}" for i in range(len(same))]}
-    known: dict[sp.Symbol, Value] = {}
+    by_symbol: dict[sp.Symbol, Value] = {}
     for name, symbol in [*zip(names["w"], rows, strict=True), *zip(names["u"], same, strict=True)]:
-        known[symbol] = steps.input(name)
+        by_symbol[symbol] = steps.input(name)
     for symbol, expression in statements:
-        (known[symbol],) = lowered(steps, [expression], known)
-    found = lowered(steps, results, known)
-    return Leaf(steps, names, found, frozenset({"u"}), single=single, algebraic=algebraic)
+        (by_symbol[symbol],) = lowered(steps, [expression], by_symbol)
+    outputs = lowered(steps, results, by_symbol)
+    return Leaf(steps, names, outputs, frozenset({"u"}), single=single, algebraic=algebraic)
 
 
 NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest", "leeway", "share", "bent")
@@ -332,9 +332,9 @@ class Stage:
             most = most + pace * (differ + 0.5 * abs(upper - lower) + 0.5 * (bent * bend))
             steep = steep + pace * _at_most(abs(lower), abs(upper))
         leeway = steps.input("leeway")
-        own = _at_least(steep * steps.input("share"), leeway)
-        own = _at_most(own, MOST_STEEP * leeway)
-        return steps, [most, own, most > own]
+        allowed = _at_least(steep * steps.input("share"), leeway)
+        allowed = _at_most(allowed, MOST_STEEP * leeway)
+        return steps, [most, allowed, most > allowed]
 
     def filter(self) -> tuple[Steps, list[Value]]:
         """The rate, from inputs rate, monotone, apart and leeway (those of `apart`)."""
@@ -411,8 +411,8 @@ PITCH = 272
 def stage_text(stage: Stage) -> str:
     """Two functions: `stage`, and `measured`, which also finds the largest move."""
     module = Module()
-    found = [_Text(stage, module, measured).function for measured in (False, True)]
-    return module.text(found)
+    functions = [_Text(stage, module, measured).function for measured in (False, True)]
+    return module.text(functions)
 
 
 class _Text:
@@ -467,42 +467,42 @@ class _Text:
     def _sides(self, kind: str, place: int) -> dict[str, str]:
         """Of each axis the slopes at both sides of a node, or what else is there of this kind; they
         follow so many others."""
-        found = {}
+        loaded = {}
         for i in range(self.stage.axes):
             for k, name in enumerate((f"{kind}below{i}", f"{kind}above{i}")):
                 self.entry += self._address(name, len(PLACES) + place + 2 * i + k)
-                found[name] = self._load(name)
-        return found
+                loaded[name] = self._load(name)
+        return loaded
 
     def _slopes(self, sides: dict[str, str], letter: str) -> list[str]:
         """The names of means, then of gaps."""
-        given = {f"half{i}": f"%half{i}" for i in range(self.stage.axes)} | sides
+        inputs = {f"half{i}": f"%half{i}" for i in range(self.stage.axes)} | sides
         if self.stage.one_slope:
-            given["value"] = self._load("value")
-        return self._printed(*self.stage.slopes(), self.own, given, letter)
+            inputs["value"] = self._load("value")
+        return self._printed(*self.stage.slopes(), self.own, inputs, letter)
 
     def _rate(self, slopes: Sequence[str], result: int, letter: str) -> str:
         """One of the two results of the leaf of the rate."""
         rate, along, of_row = self.rates.rate, self.rates.along, self.rates.of_row
         wanted = rate.results[result]
         needed = {rate.steps.list[k].given for k in rate.steps.needed([wanted.number])}
-        given = {}
+        inputs = {}
         for k, name in enumerate(rate.arguments["w"]):
             if name not in needed:
                 continue
             if k < along:
-                found = self._load("along", k)
+                register = self._load("along", k)
             elif k < along + of_row:
-                found = self._load("of_row", k - along)
+                register = self._load("of_row", k - along)
             else:
-                found = slopes[k - along - of_row]
-            given[name] = self._converted(found, self.own, self.of_rate, f"{letter}w{k}")
+                register = slopes[k - along - of_row]
+            inputs[name] = self._converted(register, self.own, self.of_rate, f"{letter}w{k}")
         for k, name in enumerate(rate.arguments["u"]):
             if name in needed:
                 self._uniform(name, "outer", k, self.of_rate)
-                given[name] = f"%{name}"
-        (found,) = self._printed(rate.steps, [wanted], self.of_rate, given, letter)
-        return self._converted(found, self.of_rate, self.own, f"{letter}rate")
+                inputs[name] = f"%{name}"
+        (register,) = self._printed(rate.steps, [wanted], self.of_rate, inputs, letter)
+        return self._converted(register, self.of_rate, self.own, f"{letter}rate")
 
     def _filtered(self, rate: str, sides: dict[str, str]) -> str:
         """The rate within the leeway of the monotone one, which is computed where a lane needs it.
@@ -511,11 +511,11 @@ class _Text:
         """
         n, stage, truth, of = self.stage.axes, self.stage, self.own.vector(TRUTH), self.own
         plain = self._sides("plain_", 2 * n)
-        given = sides | plain | {x: f"%{x}" for x in ("leeway", "share", "bent")}
+        inputs = sides | plain | {x: f"%{x}" for x in ("leeway", "share", "bent")}
         for i in range(n):
-            given[f"half{i}"] = f"%half{i}"
-            given[f"speed{i}"] = self._rate([], 2 + i, f"t{i}")
-        apart, leeway, far = self._printed(*stage.apart(), self.own, given, "d")
+            inputs[f"half{i}"] = f"%half{i}"
+            inputs[f"speed{i}"] = self._rate([], 2 + i, f"t{i}")
+        apart, leeway, far = self._printed(*stage.apart(), self.own, inputs, "d")
         reduce = f"@llvm.vector.reduce.or.v{self.lanes}i1"
         self.module.intrinsics.add(f"declare i1 {reduce}({truth})")
         before, loaded = self.label, set(self._loaded)
@@ -527,8 +527,8 @@ class _Text:
         self.label = "far"
         slopes = self._slopes({k.removeprefix("plain_"): v for k, v in plain.items()}, "p")
         monotone = self._rate(slopes, 1, "q")
-        given = {"rate": rate, "monotone": monotone, "apart": apart, "leeway": leeway}
-        (filtered,) = self._printed(*stage.filter(), self.own, given, "f")
+        inputs = {"rate": rate, "monotone": monotone, "apart": apart, "leeway": leeway}
+        (filtered,) = self._printed(*stage.filter(), self.own, inputs, "f")
         vector = of.vector(FLOAT)
         self.lines += [
             "  br label %near",
@@ -540,26 +540,26 @@ class _Text:
 
     def _step(self, rate: str, slopes: Sequence[str]) -> None:
         n, stage = self.stage.axes, self.stage
-        given = {name: f"%{name}" for name in NUMBERS} | {"rate": rate}
-        given["value"] = value = self._load("value")
+        inputs = {name: f"%{name}" for name in NUMBERS} | {"rate": rate}
+        inputs["value"] = value = self._load("value")
         for name in ("base", "before"):
-            given[name] = value if stage.from_start else self._load(name)
+            inputs[name] = value if stage.from_start else self._load(name)
         for name, there in (("lower", stage.lower), ("upper", stage.upper)):
             if there:
-                given[name] = self._load(name)
+                inputs[name] = self._load(name)
         for i in range(n):
-            given |= {f"mean{i}": slopes[i], f"gap{i}": slopes[n + i], f"step{i}": f"%step{i}"}
-        found = self._printed(*stage.step(self.measured), self.own, given, "n")
-        self._store(found[0])
-        for name, truths in zip(("changed", "odd"), found[1:3], strict=True):
+            inputs |= {f"mean{i}": slopes[i], f"gap{i}": slopes[n + i], f"step{i}": f"%step{i}"}
+        outputs = self._printed(*stage.step(self.measured), self.own, inputs, "n")
+        self._store(outputs[0])
+        for name, truths in zip(("changed", "odd"), outputs[1:3], strict=True):
             self._store_truths(name, truths)
         if self.measured:
-            self._keep_largest(found[3])
+            self._keep_largest(outputs[3])
 
     def _printed(
-        self, steps: Steps, results: Sequence[Value], form: Format, given: dict[str, str], of: str
+        self, steps: Steps, results: Sequence[Value], form: Format, inputs: dict[str, str], of: str
     ) -> list[str]:
-        body = Body(self.module, steps, results, form, given, of, label=self.label)
+        body = Body(self.module, steps, results, form, inputs, of, label=self.label)
         self.lines += body.lines
         self.label = body.label
         return [body.names[v.number] for v in results]

@@ -102,10 +102,10 @@ class Fold:
         """
         active = active.reshape(-1, len(self.computed))
         active &= self.computed
-        found = active[:, self.near]
+        near = active[:, self.near]
         for image in self.images:
-            found |= active[:, image]
-        active[:, self.near] = found
+            near |= active[:, image]
+        active[:, self.near] = near
 
 
 def first_reflected(places: Sequence[Places]) -> int:
@@ -124,13 +124,13 @@ def halves(places: Places, ghosts: int, around: bool) -> tuple[Chosen, Chosen]:
 
 def _within(chosen: Chosen, reach: int, around: bool) -> Chosen:
     """The places that are within reach of a chosen one."""
-    found = np.zeros_like(chosen)
+    places = np.zeros_like(chosen)
     for k in range(-reach, reach + 1):
         shifted = np.roll(chosen, k)
         if not around:
             shifted[slice(0, k) if k >= 0 else slice(k, None)] = False
-        found |= shifted
-    return found
+        places |= shifted
+    return places
 
 
 def _images(places: Places, size: int, count: int) -> Places:
@@ -158,15 +158,15 @@ class SweepCode:
         files = ("stencils", f"slopes_{'once' if one_slope else 'twice'}", "sweep")
         folder = resources.files(__package__)
         source = "\n".join((folder / f"{name}.py").read_text("utf-8") for name in files)
-        known, entries = read(source), ("sweep", "mirror", "watch")
-        text = scalars_text(known, entries, single=precision == "float32", fused=True)
+        parsed, entries = read(source), ("sweep", "mirror", "watch")
+        text = scalars_text(parsed, entries, single=precision == "float32", fused=True)
         self._machine = compiled_text(text, optimised=True)
         self.name = "sweep_" + hashlib.sha256(text.encode()).hexdigest()[:24]
-        self.constants = {name: int(value) for name, value in known.constants.items()}
+        self.constants = {name: int(value) for name, value in parsed.constants.items()}
         self.kind = np.dtype(precision)
         self.one_slope = one_slope
         self._sweep, self._mirror, self._watch = (
-            self._machine.function(name, len(known.functions[name].parameters)) for name in entries
+            self._machine.function(name, len(parsed.functions[name].parameters)) for name in entries
         )
         self.turns = self.constants["MOST_SLICES"]
         self._held = threading.local()
@@ -193,11 +193,11 @@ class SweepCode:
         turn: Numbers,
         slices: Numbers,
         room: NumbersNeeded,
-        given: Sequence[int],
+        arguments: Sequence[int],
         counts: Numbers,
     ) -> None:
-        """A stage of a step, with memory of its own. given: the arguments from `u` on."""
-        self._sweep(*_shared(turn, slices), address(counts), *self._memory(room), *given)
+        """A stage of a step, with memory of its own. arguments: those from `u` on."""
+        self._sweep(*_shared(turn, slices), address(counts), *self._memory(room), *arguments)
 
     def _memory(self, room: NumbersNeeded) -> tuple[int, int, int]:
         """Its addresses, of this thread: that of the last sweep if it was as large."""
@@ -220,9 +220,9 @@ class SweepCode:
             address(places), places.shape[1], axis, address(chosen), len(chosen),
         )  # fmt: skip
 
-    def watch(self, own: Numbers, other: Numbers, value: int, times: int) -> None:
+    def watch(self, counter: Numbers, other: Numbers, value: int, times: int) -> None:
         """Counts its own start, and waits until the other reaches the value."""
-        self._watch(address(own), address(other), value, times)
+        self._watch(address(counter), address(other), value, times)
 
 
 @cache
@@ -414,12 +414,12 @@ class MarchArrays:
     def swept(self, workers: Workers, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
         """A stage of the units at the places that the workers share."""
         march, arrays, out = self.march, self.arrays, self.out(s)
-        here, there, own = self.marks(s)
+        here, there, later = self.marks(s)
         before = arrays[0] if self.stages == 1 else out
         return workers.run(march.code.sweep, self._room, [
             *map(address, (u, numbers, arrays[s], arrays[0], out, before)),
             *(0 if bound is None else address(bound) for bound in self.kept), len(out),
-            *map(address, (here, there, own)), len(own), march.units,
+            *map(address, (here, there, later)), len(later), march.units,
             address(march.shape), len(march.shape), address(march.cut), address(march.kinds),
             address(self._leaves[measures]), address(self.sizes),
             address(march.axes), march.axes.shape[1],
@@ -464,7 +464,7 @@ class Bounds(Protocol):
     def renew(self, time: float, first: int, last: int) -> Any:
         """The same at some places of the first axis; what there is to know of them there."""
 
-    def check(self, found: Sequence[Any]) -> None:
+    def check(self, renewals: Sequence[Any]) -> None:
         """Refuse what no march can go on with, once a stage has renewed all of them."""
 
 
@@ -567,11 +567,11 @@ class Sweeping(MarchArrays):
     def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
         """Carry out a stage of a step: units computed, nodes not finite, the largest move."""
         self._narrow(s, self.marks(s)[0])
-        found = self.swept(self._workers, s, u, numbers, measures)
+        counts = self.swept(self._workers, s, u, numbers, measures)
         self._out = self.out(s)
         self._reflect(self._out)
         self.ended(s)
-        return found
+        return counts
 
     def _narrow(self, s: int, here: Flags) -> None:
         """Of the units to be computed those that are computed here."""
@@ -663,8 +663,8 @@ class Streaming(Sweeping):
         block = max(2 * march.threads, -(-NODES // (march.nodes // planes)))
         ends = [planes + s * reach * around for s in range(many)]
         done = [end - planes for end in ends]
-        found = [StageAnswer(0, 0, 0, 0.0, False)] * many
-        told: list[list[Any]] = [[] for _ in orders]
+        answers = [StageAnswer(0, 0, 0, 0.0, False)] * many
+        renewals: list[list[Any]] = [[] for _ in orders]
         while done[-1] < ends[-1]:
             for s, order in enumerate(orders):
                 ready = ends[s] if s == 0 or done[s - 1] == ends[s - 1] else done[s - 1] - reach
@@ -673,11 +673,11 @@ class Streaming(Sweeping):
                     continue
                 for low, high in _unrolled(done[s], last, planes):
                     if order.time is not None:
-                        told[s].append(bounds.renew(order.time, low, high))
-                    found[s] = _added(found[s], self._planes(order, low, high))
+                        renewals[s].append(bounds.renew(order.time, low, high))
+                    answers[s] = _added(answers[s], self._planes(order, low, high))
                 done[s] = last
         self._workers.share(0, planes)
-        return self._answers(found, told, bounds)
+        return self._answers(answers, renewals, bounds)
 
     def _planes(self, order: StageOrder, low: int, high: int) -> Counts:
         """A stage of some planes."""
@@ -686,23 +686,23 @@ class Streaming(Sweeping):
         units, nodes = march.units // planes, march.nodes // planes
         self._narrow(s, self.marks(s)[0][low * units : high * units])
         self._workers.share(low, high)
-        found = self.swept(self._workers, s, order.u, order.numbers, order.measures)
+        counts = self.swept(self._workers, s, order.u, order.numbers, order.measures)
         self._workers.share(0, high - low)
         self._reflect(self.out(s)[low * nodes : high * nodes])
-        return found
+        return counts
 
     def _answers(
-        self, found: list[StageAnswer], told: Sequence[Sequence[Any]], bounds: Bounds
+        self, answers: list[StageAnswer], renewals: Sequence[Sequence[Any]], bounds: Bounds
     ) -> list[StageAnswer]:
         """Those of the stages, up to the first at which the march ends."""
-        for s, answer in enumerate(found):
-            if told[s]:
-                bounds.check(told[s])
+        for s, answer in enumerate(answers):
+            if renewals[s]:
+                bounds.check(renewals[s])
             if answer.wrong:
                 first = first_not_finite(self.out(s))
-                return [*found[:s], StageAnswer(0, answer.wrong, first, 0.0, False)]
-        last = found[-1]
-        return [*found[:-1], StageAnswer(last.computed, 0, 0, last.move, self.fixed)]
+                return [*answers[:s], StageAnswer(0, answer.wrong, first, 0.0, False)]
+        last = answers[-1]
+        return [*answers[:-1], StageAnswer(last.computed, 0, 0, last.move, self.fixed)]
 
 
 def _unrolled(first: int, last: int, planes: int) -> list[tuple[int, int]]:

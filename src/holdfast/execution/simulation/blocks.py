@@ -148,16 +148,16 @@ class BlockNumbers:
 
     def set_numbers(self, starts: Array, numbers: Numbers, first: int, of_all: int) -> None:
         """Those of the runs from `first` on, of which the first has the number `of_all` of all."""
-        own = slice(first, first + self.runs)
+        runs = slice(first, first + self.runs)
         for name, values, varied, each in (
             ("plant", numbers.plant, numbers.varied_plant, numbers.own_plant),
             ("gains", numbers.gains, numbers.varied_gains, numbers.own_gains),
         ):
             self.rows(name)[:, : len(values)] = values[:, np.newaxis]
             for j, column in enumerate(varied):
-                self.set_runs(name, each[own, j], column)
+                self.set_runs(name, each[runs, j], column)
         for i in range(starts.shape[1]):
-            self.set_runs("q", starts[own, i], i)
+            self.set_runs("q", starts[runs, i], i)
         self.rows("noise")[:] = numbers.noise.reshape(-1, 1)
         self.set_runs("run", of_all + first + np.arange(self.runs, dtype=np.float64))
         alive = np.arange(len(self.w) * self.width) < self.runs
@@ -224,9 +224,9 @@ class Fetching:
 
     def in_place_of(self, addresses: npt.NDArray[np.int64], number: int) -> npt.NDArray[np.int64]:
         """The addresses of what a loop calls, with this one at the place `number`."""
-        found = addresses.copy()
-        found[number] = self.address
-        return found
+        replaced = addresses.copy()
+        replaced[number] = self.address
+        return replaced
 
     def begin(self) -> None:
         """Before the loop is called, for as many look-ups as are told at `end`.
@@ -313,10 +313,10 @@ def write_records(
     def of(name: str) -> Array:
         """(run, record, row)"""
         rows = log[:, :, layout.records[name]]
-        found = rows.transpose(0, 3, 1, 2).reshape(-1, count, rows.shape[2])[:many]
+        by_run = rows.transpose(0, 3, 1, 2).reshape(-1, count, rows.shape[2])[:many]
         if ended is not None:
-            found[ended] = np.nan
-        return found
+            by_run[ended] = np.nan
+        return by_run
 
     for name in layout.records:
         if name in ("alive", "mode", "safeguard", "sample_slack"):
@@ -371,10 +371,10 @@ class Functions(NamedTuple):
 
 def functions_of(loop: Loop, program: Leaves) -> Functions:
     """The compiled functions of a loop; `program`: the leaves of its program."""
-    machine, own = _own(loop)
+    machine, leaves = _own(loop)
     addresses = []
     for name in loop.called:
-        place = program.addresses.get(name) or own.addresses.get(name)
+        place = program.addresses.get(name) or leaves.addresses.get(name)
         addresses.append(place if place is not None else _part(name))
     lists = Functions._fields[:-2], STAGES[: 4 * loop.staged]
     first, stages = ([machine.function(f"holdfast_{n}", 4) for n in names] for names in lists)

@@ -124,18 +124,18 @@ def advance_handed(
                 states = seen[:, :n].transpose(0, 2, 1).reshape(-1, n)[:runs]
                 answer = commander.command(float(time[0, 0, 0]), states.copy(), alive)
                 try:
-                    given = np.asarray(answer, dtype=np.float64)
+                    commands = np.asarray(answer, dtype=np.float64)
                 except (TypeError, ValueError, OverflowError):
                     raise SimulationError(
                         "the controller commands no array of numbers", expected=", ".join(handed)
                     ) from None
-                if given.shape != (runs, len(handed)):
+                if commands.shape != (runs, len(handed)):
                     raise SimulationError(
-                        f"the controller commands an array of the shape {given.shape}",
+                        f"the controller commands an array of the shape {commands.shape}",
                         expected=f"({runs}, {len(handed)}): {', '.join(handed)}",
                     )
                 for i in range(len(handed)):
-                    blocks.set_runs("seen", given[:, i], behind + i)
+                    blocks.set_runs("seen", commands[:, i], behind + i)
                 blocks.stage("control")
                 if k == 0:
                     blocks.stage("record")
@@ -197,10 +197,10 @@ class ClosedLoop:
 
     def _check_gains(self, values: Mapping[str, float], sample_time: float) -> None:
         """Refuse gains that the sample time does not bear."""
-        known = {symbol(n): v for n, v in values.items()}
-        known[SAMPLE_TIME] = 0.0 if self.program.continuous else sample_time
+        by_symbol = {symbol(n): v for n, v in values.items()}
+        by_symbol[SAMPLE_TIME] = 0.0 if self.program.continuous else sample_time
         for condition in self.program.conditions:
-            if condition.refused and (message := condition.violation(known)):
+            if condition.refused and (message := condition.violation(by_symbol)):
                 raise SimulationError(message)
 
     def constraints(self, states: Array) -> Array:
@@ -241,10 +241,10 @@ class ClosedLoop:
         rows = {a: len(names) for a, names in self.program.leaves[name].arguments.items()}
         none = np.zeros(1)
 
-        def behind(array: Array, own: str, count: int, *given: Array) -> Array:
-            width = self.program.rows_of(own)
-            found = self.leaves.values(own, count, width, *given)
-            return np.hstack([array, found[0] if array.ndim == 1 else found])
+        def behind(array: Array, leaf: str, count: int, *arguments: Array) -> Array:
+            width = self.program.rows_of(leaf)
+            added = self.leaves.values(leaf, count, width, *arguments)
+            return np.hstack([array, added[0] if array.ndim == 1 else added])
 
         if self.program.prepared and rows["p"] > p.shape[-1]:
             p = behind(p, PREPARED, count if p.ndim == 2 else 1, none, none, none, p)
@@ -301,9 +301,9 @@ class ClosedLoop:
             some = leaves.values("starts", len(asked), len(lower), asked, lower, upper, _NONE)
             levels = self.constraints(some) if watched else np.zeros((len(some), 1))
             inside = np.all(levels <= 0, axis=1).reshape(-1, several)
-            found, place = inside.any(axis=1), inside.argmax(axis=1)
-            out[waiting[found]] = some[(np.arange(len(waiting)) * several + place)[found]]
-            waiting = waiting[~found]
+            hits, place = inside.any(axis=1), inside.argmax(axis=1)
+            out[waiting[hits]] = some[(np.arange(len(waiting)) * several + place)[hits]]
+            waiting = waiting[~hits]
             attempt += several
             if not len(waiting):
                 return out
@@ -410,8 +410,8 @@ class ClosedLoop:
         def handed(commander: Commander) -> None:
             for start in range(0, runs, commander.most):
                 some = min(commander.most, runs - start)
-                own = Blocks(loop, functions, program, settings, some)
-                own.begin(starts, numbers, start, first)
+                batch = Blocks(loop, functions, program, settings, some)
+                batch.begin(starts, numbers, start, first)
 
                 def tell(sample: int, start: int = start, some: int = some) -> None:
                     if progress is not None:
@@ -419,10 +419,10 @@ class ClosedLoop:
 
                 commander.begin(range(first + start, first + start + some))
                 try:
-                    advance_handed(own, result, start, commander, tell)
+                    advance_handed(batch, result, start, commander, tell)
                 finally:
                     commander.end()
-                own.write_notes(result, start)
+                batch.write_notes(result, start)
 
         began = time.perf_counter()
         if commander is not None:
@@ -443,7 +443,7 @@ def _drawn(name: str, leaf: Callable[[int], Leaf], count: int) -> Leaves:
 
 def _draws(runs: npt.NDArray[np.int64], draw: int | npt.NDArray[np.int64], seed: int) -> Array:
     """The rows of `random_leaves.DRAW` for so many numbers."""
-    found = np.empty((len(runs), 4))
-    found[:, 0], found[:, 1] = runs, draw
-    found[:, 2:] = seed & 0xFFFFFFFF, seed >> 32
-    return found
+    rows = np.empty((len(runs), 4))
+    rows[:, 0], rows[:, 1] = runs, draw
+    rows[:, 2:] = seed & 0xFFFFFFFF, seed >> 32
+    return rows

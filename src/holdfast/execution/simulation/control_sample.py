@@ -60,8 +60,8 @@ class OneRun:
         blocks.sample()
 
         def row(name: str) -> Array:
-            found: Array = blocks.rows(name)[0, :, 0].copy()
-            return found
+            entries: Array = blocks.rows(name)[0, :, 0].copy()
+            return entries
 
         mode, u = int(row("mode")[0]), row("actuation")[2 * limited :]
         nominal = row("nominal") if program.safeguarded else row("command")
@@ -143,13 +143,13 @@ class ControlSamples:
             "conditions": ("answer", m, layout.counts["answer"] - m),
         }
         places: list[int] = []
-        found: dict[str, slice | int] = {}
+        by_name: dict[str, slice | int] = {}
         for name, (of, first, count) in wanted.items():
             begins = layout.at[of] + first * WIDTH
             one = name in ("slack", "overruled", "mode", "outside", "value")
-            found[name] = len(places) if one else slice(len(places), len(places) + count)
+            by_name[name] = len(places) if one else slice(len(places), len(places) + count)
             places += [begins + i * WIDTH for i in range(count)]
-        return np.array(places, dtype=np.intp), Rows(**found)  # type: ignore[arg-type]
+        return np.array(places, dtype=np.intp), Rows(**by_name)  # type: ignore[arg-type]
 
     def reset(self) -> None:
         """Before the first sample: the first mode, and no memory."""
@@ -178,10 +178,10 @@ class ControlSamples:
             self._answer(*pointers)
         else:
             self._answer_from_parts()
-        found: Array = w.take(self._at)
-        if not math.isnan(found[self._rows.outside]):
+        numbers: Array = w.take(self._at)
+        if not math.isnan(numbers[self._rows.outside]):
             self._inside_again()
-        return found
+        return numbers
 
     def answers(self, t: float, seen: Array) -> Array:
         """The numbers at a sample of every controller, from what each sees: rows of them."""
@@ -195,9 +195,9 @@ class ControlSamples:
         else:
             self._answer_from_parts()
         places = self._at[:, np.newaxis] + np.arange(WIDTH)
-        found: Array = self.blocks.w[:, places].transpose(0, 2, 1).reshape(-1, len(self._at))
+        numbers: Array = self.blocks.w[:, places].transpose(0, 2, 1).reshape(-1, len(self._at))
         self._inside_again()
-        return found[: self.count]
+        return numbers[: self.count]
 
     def _answer_from_parts(self) -> None:
         """Answer from a table of which what is read is fetched."""
@@ -278,5 +278,5 @@ class PlantSamples:
         self.blocks.sample(first=True)
         if self._alive[0] == 0.0:
             return np.full(len(self._q), math.nan)
-        found: Array = self._q[:, 0].copy()
-        return found
+        reached: Array = self._q[:, 0].copy()
+        return reached

@@ -134,18 +134,18 @@ def leaves_cpp(leaves: Mapping[str, Leaf]) -> str:
 
 def _leaf(name: str, leaf: Leaf) -> str:
     """All arguments are read before a result is written: it may be in place of one."""
-    known = {n: f"{a}[{k}]" for a, names in leaf.arguments.items() for k, n in enumerate(names)}
-    given = {n: place.replace("[", "_").replace("]", "") for n, place in known.items()}
+    places = {n: f"{a}[{k}]" for a, names in leaf.arguments.items() for k, n in enumerate(names)}
+    inputs = {n: place.replace("[", "_").replace("]", "") for n, place in places.items()}
     body = Body(
-        leaf.steps, leaf.results, "    ", read={k: given[n] for k, n in leaf.read.items()},
-        inputs=given,
+        leaf.steps, leaf.results, "    ", read={k: inputs[n] for k, n in leaf.read.items()},
+        inputs=inputs,
     )  # fmt: skip
     texts = [body.text(v.number) for v in leaf.results]
     lines = [*body.lines, *(f"    const double o_{i} = {text};" for i, text in enumerate(texts))]
     lines += [f"    out[{i}] = o_{i};" for i in range(len(texts))]
     whole = "\n".join(lines)
-    used = [n for n, own in given.items() if _names(own, whole)]
-    read = [f"    const double {given[n]} = {known[n]};" for n in used]
+    used = [n for n, local in inputs.items() if _names(local, whole)]
+    read = [f"    const double {inputs[n]} = {places[n]};" for n in used]
     arguments = ", ".join(f"const double *{a}" for a in PLACES)
     head = f"HF_CALLED void {LEAF}{name}({arguments}, double *out)"
     return "\n".join([head, "{", *read, *lines, "}"])
@@ -198,37 +198,37 @@ def simulate_on(
             s[k] = device.address(held[0])
     w, s = xp.asarray(w), xp.asarray(s)
     for begin in range(0, runs, together):
-        own = slice(begin, min(begin + together, runs))
-        many = own.stop - own.start
-        given = np.empty((len(rows.given), many))
+        part = slice(begin, min(begin + together, runs))
+        many = part.stop - part.start
+        per_run = np.empty((len(rows.given), many))
         n, of_plant = starts.shape[1], len(numbers.varied_plant)
-        given[:n], given[n] = starts[own].T, first + np.arange(own.start, own.stop)
-        given[n + 1 : n + 1 + of_plant] = numbers.own_plant[own].T
-        given[n + 1 + of_plant :] = numbers.own_gains[own].T
+        per_run[:n], per_run[n] = starts[part].T, first + np.arange(part.start, part.stop)
+        per_run[n + 1 : n + 1 + of_plant] = numbers.own_plant[part].T
+        per_run[n + 1 + of_plant :] = numbers.own_gains[part].T
         log = xp.zeros((records, layout.record, many))
         noted = xp.zeros((len(rows.noted), many))
         room = xp.zeros((max(rings, 1), many))
         kernels.run(
             "hf_simulate", device.blocks, np.int64(many), np.int64(many), w, s,
-            xp.asarray(given), np.int64(records), np.int64(rings), log, room, noted,
+            xp.asarray(per_run), np.int64(records), np.int64(rings), log, room, noted,
         )  # fmt: skip
-        found = device.fetched(noted)
-        places = dict(zip(rows.noted, found, strict=True))
-        write_notes(result, places, own, len(program.inputs))
+        notes = device.fetched(noted)
+        places = dict(zip(rows.noted, notes, strict=True))
+        write_notes(result, places, part, len(program.inputs))
         of_runs = device.fetched(log).transpose(2, 0, 1)[..., np.newaxis]
         done = np.full(many, records)
-        write_records(result, layout, of_runs, done, own, 0, safeguarded=program.safeguarded)
+        write_records(result, layout, of_runs, done, part, 0, safeguarded=program.safeguarded)
         if progress is not None:
-            progress(own.stop / runs)
+            progress(part.stop / runs)
 
 
 def _rows(layout: Layout, numbers: Numbers) -> _Rows:
     at, counts = layout.at, layout.counts
-    given = [*range(at["q"], at["q"] + counts["q"]), at["run"]]
-    given += [at["plant"] + int(k) for k in numbers.varied_plant]
-    given += [at["gains"] + int(k) for k in numbers.varied_gains]
+    per_run = [*range(at["q"], at["q"] + counts["q"]), at["run"]]
+    per_run += [at["plant"] + int(k) for k in numbers.varied_plant]
+    per_run += [at["gains"] + int(k) for k in numbers.varied_gains]
     noted = {(name, k): at[name] + k for name in NOTED for k in range(counts[name])}
-    return _Rows(tuple(given), noted)
+    return _Rows(tuple(per_run), noted)
 
 
 def _first(
@@ -245,15 +245,15 @@ def _first(
 
 
 def _text(
-    program: ClosedLoopProgram, kind: Kind, given: tuple[int, ...], noted: tuple[int, ...]
+    program: ClosedLoopProgram, kind: Kind, per_run: tuple[int, ...], noted: tuple[int, ...]
 ) -> str:
     """The kernel `hf_simulate` of a program."""
     shape = shape_of(program, width=1)
     loop = built_as(CppLoopText(1), shape, kind)
     layout, at = loop.layout, loop.layout.at
-    own = {**loop.leaves, **program.leaves}
-    leaves = leaves_cpp({name: own[name] for name in loop.called if name in own})
-    parts = [name.removesuffix(SINGLE) for name in loop.called if name not in own]
+    by_name = {**loop.leaves, **program.leaves}
+    leaves = leaves_cpp({name: by_name[name] for name in loop.called if name in by_name})
+    parts = [name.removesuffix(SINGLE) for name in loop.called if name not in by_name]
     single = any(name.endswith(SINGLE) for name in loop.called)
     numbers = {
         "SIZE": layout.size, "ENTRIES": layout.entries, "LATE": RING + 3 * LATE, "Q": at["q"],
@@ -267,9 +267,9 @@ def _text(
         f"typedef {'float' if single else 'double'} hf_table;",
         "#define hf_table_at(address) ((const hf_table *)(address))",
     ]
-    known = scalars("simulation/parts")
-    printed = re.sub(r"^static ", "HF_CALLED ", scalars_c(known, parts), flags=re.MULTILINE)
-    take = [f"    w[{place}] = given[{k} * pitch];" for k, place in enumerate(given)]
+    parsed = scalars("simulation/parts")
+    printed = re.sub(r"^static ", "HF_CALLED ", scalars_c(parsed, parts), flags=re.MULTILINE)
+    take = [f"    w[{place}] = given[{k} * pitch];" for k, place in enumerate(per_run)]
     give = [f"    noted[{k} * pitch] = w[{place}];" for k, place in enumerate(noted)]
     copies = [
         "HF_FUNCTION void hf_given(double *w, const double *given, hf_int pitch)",

@@ -126,18 +126,18 @@ class Layout:
         at, m = self.at, shape.inputs
         limited, actuators = shape.limited, shape.actuators
         first = at["actuation"] + limited * self.width
-        found = {
+        places = {
             "alive": (at["alive"], 1), "state": (at["q"], shape.states),
             "input": (first + limited * self.width, m), "actuator": (first, actuators),
             "mode": (at["mode"], 1), "signal": (at["signals"], shape.signals),
             "constraint": (at["c0"], shape.constraints),
         }  # fmt: skip
         if shape.safeguarded:
-            found |= {
+            places |= {
                 "nominal": (at["nominal"], m), "nominal_actuator": (at["believed"], actuators),
                 "sample_slack": (at["slack"], 1), "safeguard": (at["overruled"], 1),
             }  # fmt: skip
-        return {name: rows for name, rows in found.items() if rows[1]}
+        return {name: rows for name, rows in places.items() if rows[1]}
 
 
 def _counts(shape: Shape) -> dict[str, int]:
@@ -158,7 +158,7 @@ def _counts(shape: Shape) -> dict[str, int]:
         "command": m, "nominal": m, "slack": 1, "overruled": 1, "overrules": 1, "infeasible": 1,
         "largest_slack": 1, "held": 1, "answer": m + conditions * (m + 1) + m + ahead,
         **dict.fromkeys(SWITCHES, 1), "in_modes": modes, **dict.fromkeys(TURNS, 1),
-        "levels": max(1, *(len(own) for own in shape.targets)),
+        "levels": max(1, *(len(of_mode) for of_mode in shape.targets)),
         "bad": 1, "peaks": m + shape.actuators, "level": 1, "inside_since": 1,
         "excess": 1 + shape.bounded, "beyond": 1 + shape.bounded,
         "off_at": 1, "seen": seen, "inner": seen, "memory": shape.remembered,

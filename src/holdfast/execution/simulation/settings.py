@@ -116,8 +116,8 @@ class Settings:
     def noise_of(self, states: Sequence[str]) -> Array:
         """Half-widths and standard deviations of the noise of these states, shape (2, state)."""
         noise = np.zeros((2, len(states)))
-        for row, given in enumerate((self.noise_uniform, self.noise_normal)):
-            for name, size in given.items():
+        for row, sizes in enumerate((self.noise_uniform, self.noise_normal)):
+            for name, size in sizes.items():
                 if name not in states:
                     raise SimulationError(f"noise of '{name}', which is not a state", key="noise")
                 noise[row, states.index(name)] = size
@@ -190,7 +190,7 @@ def blank(program: ClosedLoopProgram, settings: Settings, varied: Array) -> Traj
     def of(*shape: int) -> Array:
         return np.full((runs, *shape), np.nan)
 
-    kept = rows if program.safeguarded else 0
+    guarded = rows if program.safeguarded else 0
     return Trajectories(
         time=np.arange(rows, dtype=np.float64) * (stride * settings.sample_time),
         state=of(rows, n),
@@ -199,10 +199,10 @@ def blank(program: ClosedLoopProgram, settings: Settings, varied: Array) -> Traj
         mode=np.full((runs, rows), -1, dtype=np.int16),
         signal=of(rows, len(program.signals)),
         constraint=of(rows, watch),
-        nominal=of(kept, len(program.inputs)),
-        nominal_actuator=of(kept, len(program.actuators)),
-        sample_slack=of(kept),
-        safeguard=np.full((runs, kept), -1, dtype=np.int8),
+        nominal=of(guarded, len(program.inputs)),
+        nominal_actuator=of(guarded, len(program.actuators)),
+        sample_slack=of(guarded),
+        safeguard=np.full((runs, guarded), -1, dtype=np.int8),
         outcome=np.zeros(runs, dtype=np.int8),
         exit_time=of(),
         exit_constraint=np.full(runs, -1, dtype=np.int16),

@@ -32,14 +32,14 @@ class Tableau:
     def weights(self) -> npt.NDArray[np.float64]:
         """The rows of a, then b, b - b_low and c, each with an entry for every stage."""
         stages = len(self.b)
-        found = np.zeros((stages + 3, stages))
-        for row, weights in zip(found, self.a, strict=False):
+        table = np.zeros((stages + 3, stages))
+        for row, weights in zip(table, self.a, strict=False):
             row[: len(weights)] = weights
-        found[stages] = self.b
+        table[stages] = self.b
         if self.b_low is not None:
-            found[stages + 1] = np.subtract(self.b, self.b_low)
-        found[stages + 2] = self.c
-        return found
+            table[stages + 1] = np.subtract(self.b, self.b_low)
+        table[stages + 2] = self.c
+        return table
 
 
 RK4 = Tableau(

@@ -49,8 +49,8 @@ class ServoPacket:
         """The packet of these bytes. Raises `SimulationError` for bytes that are none."""
         for channels, magic in MAGIC.items():
             if len(data) == HEADER.size + 2 * channels:
-                found, rate, count = HEADER.unpack_from(data)
-                if found == magic:
+                number, rate, count = HEADER.unpack_from(data)
+                if number == magic:
                     pwm = struct.unpack_from(f"<{channels}H", data, HEADER.size)
                     return ServoPacket(rate, count, pwm)
         raise SimulationError(
@@ -126,10 +126,10 @@ def _numbers(said: Any, count: int) -> list[float]:
         raise TypeError
     if any(isinstance(n, bool) or not isinstance(n, int | float) for n in said):
         raise TypeError
-    found = [float(n) for n in said]
-    if not all(map(math.isfinite, found)):
+    numbers = [float(n) for n in said]
+    if not all(map(math.isfinite, numbers)):
         raise ValueError
-    return found
+    return numbers
 
 
 def _triple(said: Any) -> Triple:

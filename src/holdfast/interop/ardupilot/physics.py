@@ -90,8 +90,8 @@ class Physics:
         self.outputs = ServoOutputs(system, servos)
         begin: Given = np.zeros(len(system.states)) if start is None else start
         self._start = numbers(begin, system.state_names, "start")
-        given = dict.fromkeys(system.disturbance_names, 0.0) | dict(disturbance or {})
-        self._pushed = numbers(given, system.disturbance_names, "disturbance")
+        pushes = dict.fromkeys(system.disturbance_names, 0.0) | dict(disturbance or {})
+        self._pushed = numbers(pushes, system.disturbance_names, "disturbance")
         for what, row in (("start", self._start), ("disturbance", self._pushed)):
             if not np.isfinite(row).all():
                 raise SimulationError(f"the {what} is {row.tolist()}", expected="finite numbers")

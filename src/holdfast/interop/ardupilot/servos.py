@@ -85,41 +85,41 @@ class ServoOutputs:
         values = numbers(actuators, tuple(self.servos), "actuators")
         if not np.isfinite(values).all():
             raise SimulationError(f"the actuators are {values.tolist()}", expected="finite numbers")
-        found = [NEUTRAL] * self.last
+        widths = [NEUTRAL] * self.last
         for servo, value in zip(self.servos.values(), values.tolist(), strict=True):
-            found[servo.channel - 1] = servo.us(value)
-        return found
+            widths[servo.channel - 1] = servo.us(value)
+        return widths
 
 
-def _servos(numeric: Numeric, given: Mapping[str, int | Servo] | None) -> dict[str, Servo]:
+def _servos(numeric: Numeric, wanted: Mapping[str, int | Servo] | None) -> dict[str, Servo]:
     system = numeric.system
     low, high = numeric.limits()
-    if given is None:
+    if wanted is None:
         if set(numeric.actuators) != set(SKID):
             raise SimulationError(
                 f"system '{system.name}' has the actuators {', '.join(numeric.actuators)}",
                 expected="servos=, the channel of each of them; known are port and starboard",
             )
-        given = SKID
-    for name in given:
+        wanted = SKID
+    for name in wanted:
         if name not in numeric.actuators:
             raise SimulationError(
                 f"system '{system.name}' has no actuator '{name}'",
                 remedy=suggestion(str(name), numeric.actuators),
             )
-    found: dict[str, Servo] = {}
+    servos: dict[str, Servo] = {}
     for name, least, most in zip(numeric.actuators, low.tolist(), high.tolist(), strict=True):
-        if name not in given:
+        if name not in wanted:
             raise SimulationError(f"the actuator '{name}' has no channel", expected="one in servos")
-        found[name] = _checked(name, given[name], least, most)
-    channels = [servo.channel for servo in found.values()]
+        servos[name] = _checked(name, wanted[name], least, most)
+    channels = [servo.channel for servo in servos.values()]
     if twice := {c for c in channels if channels.count(c) > 1}:
         raise SimulationError(f"channel {min(twice)} drives two actuators")
-    return found
+    return servos
 
 
-def _checked(name: str, given: int | Servo, least: float, most: float) -> Servo:
-    servo = given if isinstance(given, Servo) else Servo(given)
+def _checked(name: str, wanted: int | Servo, least: float, most: float) -> Servo:
+    servo = wanted if isinstance(wanted, Servo) else Servo(wanted)
     owner = f"the servo of '{name}'"
     if isinstance(servo.channel, bool) or servo.channel not in range(1, MOST + 1):
         raise SimulationError(f"{owner} has the channel {servo.channel!r}", expected="1 to 32")

@@ -105,7 +105,7 @@ class Messages(Recording):
 
         None if the headers of a topic have the clock of the log: another topic is then the odd one.
         """
-        found: tuple[str, Integers, Integers] | None = None
+        longest: tuple[str, Integers, Integers] | None = None
         for topic, (_, rows) in self._topics.items():
             stamps = np.array([_stamp(message) for _, message in rows], dtype=np.int64)
             when = np.array([t for t, _ in rows], dtype=np.int64)
@@ -113,22 +113,22 @@ class Messages(Recording):
                 continue
             if _apart(stamps, when) < APART:
                 return None
-            if np.ptp(stamps) > 0 and (found is None or len(found[1]) < len(when)):
+            if np.ptp(stamps) > 0 and (longest is None or len(longest[1]) < len(when)):
                 order = np.argsort(when, kind="stable")
-                found = topic, when[order], stamps[order]
-        return found
+                longest = topic, when[order], stamps[order]
+        return longest
 
     def _defaults(self) -> dict[str, str]:
         """Where states and inputs are, if one topic alone has a message for them."""
-        found: dict[str, str] = {}
+        places: dict[str, str] = {}
         for name in (*self._system.state_names, *self._system.input_names):
             at = [t for t, (_, rows) in self._topics.items() if _flat(rows[0][1], name)]
             if len(at) == 1:
-                found[name] = f"{at[0]}:{name}"
+                places[name] = f"{at[0]}:{name}"
         try:
             interface = Interface(self._system, frame="")
         except HoldfastError:
-            return found
+            return places
         poses = self._of_kind(ODOMETRY)
         if len(poses) == 1:
             fields = (
@@ -137,15 +137,15 @@ class Messages(Recording):
             )  # fmt: skip
             for state, field in zip((*interface.pose, *interface.twist), fields, strict=True):
                 if state is not None:
-                    found.setdefault(state, f"{poses[0]}:{field}")
+                    places.setdefault(state, f"{poses[0]}:{field}")
         plain = f"geometry_msgs/msg/{interface.base}"
         commands = [*self._of_kind(plain), *self._of_kind(f"{plain}Stamped")]
         if len(commands) == 1:
             stamped = self._topics[commands[0]][0].endswith("Stamped")
             inside = f"{interface.base.lower()}." if stamped else ""
             for name, field in interface.fields.items():
-                found.setdefault(name, f"{commands[0]}:{inside}{field}")
-        return found
+                places.setdefault(name, f"{commands[0]}:{inside}{field}")
+        return places
 
     def _of_kind(self, kind: str) -> list[str]:
         return [topic for topic, (its, _) in self._topics.items() if its == kind]
@@ -153,14 +153,14 @@ class Messages(Recording):
 
 def _topics(path: Path) -> tuple[dict[str, tuple[str, list[Read]]], list[str]]:
     """topic -> (type, messages), and the topics that cannot be read."""
-    found: dict[str, tuple[str, list[Read]]] = {}
+    topics: dict[str, tuple[str, list[Read]]] = {}
     skipped: set[str] = set()
     try:
         for topic, kind, when, message in _bag(path) if path.is_dir() else _mcap(path):
             if message is None:
                 skipped.add(topic)
             else:
-                found.setdefault(topic, (kind, []))[1].append((min(when, _LAST), message))
+                topics.setdefault(topic, (kind, []))[1].append((min(when, _LAST), message))
     except HoldfastError:
         raise
     except Exception as error:
@@ -169,7 +169,7 @@ def _topics(path: Path) -> tuple[dict[str, tuple[str, list[Read]]], list[str]]:
             f"{path} cannot be read ({type(error).__name__}: {error})"[:200],
             expected="an MCAP file, or the folder of a ROS 2 bag",
         ) from None
-    return found, sorted(skipped - set(found))
+    return topics, sorted(skipped - set(topics))
 
 
 def _bag(path: Path) -> Iterator[tuple[str, str, int, Any]]:
@@ -193,12 +193,12 @@ def _mcap(path: Path) -> Iterator[tuple[str, str, int, Any]]:
                     readers[channel.id] = None
                     with suppress(Exception):  # a definition that is none
                         readers[channel.id] = _reader_of(schema, channel)
-                read, told = readers[channel.id], None
+                read, content = readers[channel.id], None
                 kind = schema.name if schema else ""
                 if read is not None and len(message.data) <= LARGEST:
                     with suppress(Exception):  # whatever the bytes make the reader do
-                        told = read(message.data)
-                yield channel.topic, kind, message.log_time, told
+                        content = read(message.data)
+                yield channel.topic, kind, message.log_time, content
         except McapError as error:
             raise SimulationError(
                 f"{path} is not an MCAP file, or is damaged ({error})"[:200],
@@ -249,8 +249,8 @@ def _stamp(message: Any) -> int:
         stamp = _part(_part(message, "header"), "stamp")
         seconds = int(_part(stamp, "sec") or 0)
         rest = int(_part(stamp, "nanosec") or _part(stamp, "nsec") or 0)
-        told = seconds * 1_000_000_000 + rest
-        return told if 0 < told <= _LAST else 0
+        nanoseconds = seconds * 1_000_000_000 + rest
+        return nanoseconds if 0 < nanoseconds <= _LAST else 0
     return 0
 
 

@@ -82,32 +82,32 @@ def repaired(
     values, for a column of which most is not numbers, for a clock that was set back, and for an
     angle that seems to be in degrees.
     """
-    told = [f"{name}: {fault}" for fault in column.faults]
+    notes = [f"{name}: {fault}" for fault in column.faults]
     time, value = column.time, column.value * factor
     there = ~np.isnan(column.value)
     finite = there & np.isfinite(value) & np.isfinite(time)
     if lost := int((there & ~finite).sum()):
-        told.append(f"{name}: {lost} values without a number or a time left out")
+        notes.append(f"{name}: {lost} values without a number or a time left out")
     if finite.sum() < 2:
         raise SimulationError(f"the log has {int(finite.sum())} values of {name}", expected="many")
     if finite.sum() < 0.5 * (there.sum() + column.unreadable):
         raise SimulationError(f"most values of {name} are not finite numbers")
     time, value = time[finite], value[finite]
     _check_clock(name, time)
-    time, value = _in_order(name, time, value, told)
+    time, value = _in_order(name, time, value, notes)
     if len(time) < 2:
         raise SimulationError(f"all values of {name} have one time", expected="times that differ")
     if angle and factor == 1.0:
         _check_degrees(name, value)
     if measured:
-        time, value = _without_repeats(name, time, value, told)
-        time, value = _without_spikes(name, time, value, told, angle=angle)
+        time, value = _without_repeats(name, time, value, notes)
+        time, value = _without_spikes(name, time, value, notes, angle=angle)
     if angle:
         if not column.unit:
-            _say_degrees(name, value, told)
+            _say_degrees(name, value, notes)
         value = np.unwrap(value)
-    _say_stuck(name, time, value, told, measured)
-    return Signal(time, value), told
+    _say_stuck(name, time, value, notes, measured)
+    return Signal(time, value), notes
 
 
 def _check_clock(name: str, time: Floats) -> None:
@@ -126,15 +126,15 @@ def _check_clock(name: str, time: Floats) -> None:
     )
 
 
-def _in_order(name: str, time: Floats, value: Floats, told: list[str]) -> tuple[Floats, Floats]:
+def _in_order(name: str, time: Floats, value: Floats, notes: list[str]) -> tuple[Floats, Floats]:
     back = int((np.diff(time) < 0).sum())
     if back:
-        told.append(f"{name}: time goes back {back} times, sorted")
+        notes.append(f"{name}: time goes back {back} times, sorted")
         order = np.argsort(time, kind="stable")
         time, value = time[order], value[order]
     fresh = np.append(True, np.diff(time) > 0)
     if twice := int((~fresh).sum()):
-        told.append(f"{name}: {twice} values at a time that another has left out")
+        notes.append(f"{name}: {twice} values at a time that another has left out")
     return time[fresh], value[fresh]
 
 
@@ -147,18 +147,18 @@ def _check_degrees(name: str, value: Floats) -> None:
         )
 
 
-def _say_degrees(name: str, value: Floats, told: list[str]) -> None:
+def _say_degrees(name: str, value: Floats, notes: list[str]) -> None:
     """Question an angle beyond a turn that never jumps by one: continuous radians, or degrees."""
     largest = float(np.abs(value).max())
     if largest > 7.0 and not (np.abs(np.diff(value)) > 5.5).any():
-        told.append(
+        notes.append(
             f"{name} reaches {largest:.3g} without a jump by a turn and has no unit: taken as "
             f'radians; if it is in degrees, say "{name} [deg]"'
         )
 
 
 def _without_spikes(
-    name: str, time: Floats, value: Floats, told: list[str], *, angle: bool
+    name: str, time: Floats, value: Floats, notes: list[str], *, angle: bool
 ) -> tuple[Floats, Floats]:
     """Without single values far from the line between their neighbours (a Hampel filter of it).
 
@@ -187,19 +187,19 @@ def _without_spikes(
         np.pad(off, AROUND, "reflect"), 2 * AROUND + 1
     )
     spike[spike] = off[spike] > SPIKE * DEVIATION * np.median(windows[spike], axis=1)
-    found = int(spike.sum())
-    if found > FEW * len(value):
-        told.append(f"{name}: {found} single values far off are too many to be faults; kept")
+    count = int(spike.sum())
+    if count > FEW * len(value):
+        notes.append(f"{name}: {count} single values far off are too many to be faults; kept")
         return time, value
-    if found:
-        told.append(f"{name}: {found} single values far off left out")
-    kept = np.ones(len(value), dtype=bool)
-    kept[1:-1] = ~spike
-    return time[kept], value[kept]
+    if count:
+        notes.append(f"{name}: {count} single values far off left out")
+    good = np.ones(len(value), dtype=bool)
+    good[1:-1] = ~spike
+    return time[good], value[good]
 
 
 def _without_repeats(
-    name: str, time: Floats, value: Floats, told: list[str]
+    name: str, time: Floats, value: Floats, notes: list[str]
 ) -> tuple[Floats, Floats]:
     """The first of equal values of a sensor that is slower than its log, each held as long."""
     starts = np.concatenate([[0], np.flatnonzero(np.diff(value) != 0) + 1])
@@ -209,11 +209,11 @@ def _without_repeats(
     usual = float(np.median(runs))
     if usual < 2 or np.mean(np.abs(runs - usual) <= 1) < REGULAR:
         return time, value
-    told.append(f"{name}: every value stands {usual:.0f} times, the first of each is kept")
+    notes.append(f"{name}: every value stands {usual:.0f} times, the first of each is kept")
     return time[starts], value[starts]
 
 
-def _say_stuck(name: str, time: Floats, value: Floats, told: list[str], measured: bool) -> None:
+def _say_stuck(name: str, time: Floats, value: Floats, notes: list[str], measured: bool) -> None:
     """Say where a measured signal does not change for long, though it does elsewhere."""
     if not measured or len(value) < 2:
         return
@@ -225,7 +225,7 @@ def _say_stuck(name: str, time: Floats, value: Floats, told: list[str], measured
     if count > STUCK and count < 0.9 * len(value) and len(changes) > 0.2 * len(value):
         begin = float(time[int(ends[longest]) + 1])
         lasts = float(time[int(ends[longest + 1])]) - begin
-        told.append(f"{name}: does not change for {lasts:.3g} s from {begin:.3g} s on; kept")
+        notes.append(f"{name}: does not change for {lasts:.3g} s from {begin:.3g} s on; kept")
 
 
 GAP = 5.0
@@ -261,8 +261,8 @@ def read_log(
         raise SimulationError(f"gap is {gap}", expected="seconds, above 0")
     recording = _opened(path, system, time)
     units = {q.name: q.unit for q in (*system.states, *system.inputs)} | actuator_units(system)
-    given = dict(names or {})
-    for name in given:
+    columns = dict(names or {})
+    for name in columns:
         if name not in units:
             raise SimulationError(
                 f"'{name}' is neither a state nor an input of system '{system.name}'",
@@ -270,14 +270,14 @@ def read_log(
             )
     angles = {q.name for q in system.states if q.angle}
     signals: dict[str, Signal] = {}
-    told = [*recording.notes]
+    notes = [*recording.notes]
     for name, unit in units.items():
-        where = given.get(name) or recording.usual(name)
+        where = columns.get(name) or recording.usual(name)
         if not where:
             continue
         column = recording.column(where)
-        if name not in given and not column.unreadable and np.isnan(column.value).all():
-            told.append(f"{name}: the column is empty")
+        if name not in columns and not column.unreadable and np.isnan(column.value).all():
+            notes.append(f"{name}: the column is empty")
             continue
         try:
             factor = convert(1.0, column.unit, unit) if column.unit else 1.0
@@ -286,7 +286,7 @@ def read_log(
         signals[name], repairs = repaired(
             name, column, factor, angle=name in angles, measured=name in system.state_names
         )
-        told += repairs
+        notes += repairs
     states = {n: signals[n] for n in system.state_names if n in signals}
     if not states:
         raise SimulationError(
@@ -297,7 +297,7 @@ def read_log(
         )
     inputs = {n: s for n, s in signals.items() if n not in states}
     longest = GAP * max(period(s) for s in states.values()) if gap is None else gap
-    return Log(path.name, states, inputs, float(longest), tuple(dict.fromkeys(told)))
+    return Log(path.name, states, inputs, float(longest), tuple(dict.fromkeys(notes)))
 
 
 def _opened(path: Path, system: System, time: str) -> Recording:

@@ -53,8 +53,8 @@ class Recording(ABC):
 
     def unknown(self, name: str) -> SimulationError:
         """The refusal of a name."""
-        known = self.columns()
-        shown = suggestion(name, known)
+        columns = self.columns()
+        shown = suggestion(name, columns)
         return SimulationError(
             f"{self.name} has no column '{name[:60]}'",
             remedy=shown if len(shown) < 400 else shown[:397] + "...",
@@ -63,5 +63,5 @@ class Recording(ABC):
 
 def with_unit(text: str) -> tuple[str, str]:
     """The name and the unit of "heading [deg]" or "heading (deg)"; "" for no unit."""
-    found = _UNIT.match(text.strip())
-    return (found["name"], found["unit"].strip()) if found else (text.strip(), "")
+    match = _UNIT.match(text.strip())
+    return (match["name"], match["unit"].strip()) if match else (text.strip(), "")

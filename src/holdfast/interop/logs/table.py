@@ -85,12 +85,12 @@ class Table(Recording):
     def _time_column(self, wanted: str) -> str:
         if wanted:
             bare = with_unit(wanted)[0]
-            found = wanted if wanted in self._frame.columns else self._headers.get(bare, "")
-            if not found:
+            column = wanted if wanted in self._frame.columns else self._headers.get(bare, "")
+            if not column:
                 raise SimulationError(
                     f"{self.name} has no column '{wanted}'", expected=", ".join(self._headers)
                 )
-            return found
+            return column
         for bare, header in self._headers.items():
             if _ENDING.sub("", bare.lower()) in TIMES or bare.lower() in TIMES:
                 return header

@@ -118,8 +118,8 @@ class BodyVelocity:
 
     @checked
     def __init__(self, system: System, setpoints: Mapping[str, str] | None = None) -> None:
-        known = {"v": "vx", "r": "yaw_rate"} if setpoints is None else setpoints
-        self.setpoints = _fields(system, known, SETPOINTS)
+        fields = {"v": "vx", "r": "yaw_rate"} if setpoints is None else setpoints
+        self.setpoints = _fields(system, fields, SETPOINTS)
         self._rest = [f for f in ("vx", "vy", "vz") if f not in self.setpoints.values()]
 
     def command(self, message: Message) -> dict[str, float] | None:
@@ -166,21 +166,23 @@ def commands_of(system: System) -> Commands:
     )
 
 
-def _fields(system: System, given: Mapping[str, str], known: Mapping[str, Any]) -> dict[str, str]:
+def _fields(
+    system: System, fields: Mapping[str, str], allowed: Mapping[str, Any]
+) -> dict[str, str]:
     """The fields of the inputs, in their order, checked."""
-    for name, field in given.items():
+    for name, field in fields.items():
         if name not in system.input_names:
             raise SimulationError(
                 f"system '{system.name}' has no input '{name}'",
                 remedy=suggestion(str(name), system.input_names),
             )
-        if field not in known:
-            raise SimulationError(f"'{name}' is {field!r}", expected=", ".join(known))
-    if missing := [name for name in system.input_names if name not in given]:
+        if field not in allowed:
+            raise SimulationError(f"'{name}' is {field!r}", expected=", ".join(allowed))
+    if missing := [name for name in system.input_names if name not in fields]:
         raise SimulationError(f"the input '{missing[0]}' has no field of the message")
-    if len(set(given.values())) < len(given):
+    if len(set(fields.values())) < len(fields):
         raise SimulationError("two inputs have the same field of the message")
-    return {name: given[name] for name in system.input_names}
+    return {name: fields[name] for name in system.input_names}
 
 
 def _largest(system: System) -> dict[str, float]:
@@ -188,5 +190,5 @@ def _largest(system: System) -> dict[str, float]:
     numeric = Numeric(system)
     low, high = numeric.limits()
     corners = itertools.product(*zip(low, high, strict=True))
-    found = np.abs([numeric.inputs(np.array(corner)) for corner in corners]).max(axis=0)
-    return dict(zip(system.input_names, found.tolist(), strict=True))
+    largest = np.abs([numeric.inputs(np.array(corner)) for corner in corners]).max(axis=0)
+    return dict(zip(system.input_names, largest.tolist(), strict=True))

@@ -222,8 +222,8 @@ class Counts:
     restarts: int = 0
 
     def __str__(self) -> str:
-        told = [(f.name, getattr(self, f.name)) for f in fields(self)]
-        return ", ".join(f"{n} {name}" for name, n in told if n) or "nothing received"
+        counts = [(f.name, getattr(self, f.name)) for f in fields(self)]
+        return ", ".join(f"{n} {name}" for name, n in counts if n) or "nothing received"
 
 
 class SafetyComponent(Closing):
@@ -361,13 +361,13 @@ class SafetyComponent(Closing):
             self._counts.other_system += message.get_type() in ("LOCAL_POSITION_NED", "ODOMETRY")
             return
         restarts = self._measurements.restarts
-        found = self._measurements.take(message, now)
+        measurement = self._measurements.take(message, now)
         if self._measurements.restarts > restarts:
             self.relay.reset()
             if self._like is not None:  # its age is what it was
                 self.relay.commanded(self._read, self._commanded)
-        if found is not None:
-            states, received = found
+        if measurement is not None:
+            states, received = measurement
             self.relay.measured({n: states[n] for n in self.relay.states}, received)
 
     def _command(self, message: Message, frame: bytes, now: float) -> bool:

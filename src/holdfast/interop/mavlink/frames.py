@@ -107,8 +107,8 @@ class Codec:
         data, at, whole, most = bytearray(datagram), 0, True, SEARCHED
         while at < len(data):
             size = _size(data, at)
-            found = self._decoded(data[at : at + size]) if size else None
-            if found is None or not (whole or _known(found)):
+            message = self._decoded(data[at : at + size]) if size else None
+            if message is None or not (whole or _known(message)):
                 self.broken += bool(size) and whole
                 self.garbage += 1
                 at, whole, most = at + 1, False, most - 1
@@ -118,19 +118,19 @@ class Codec:
                 continue
             frame = bytes(data[at : at + size])
             at, whole = at + size, True
-            if found is not _REFUSED:
+            if message is not _REFUSED:
                 self.read += 1
-                yield found, frame
+                yield message, frame
 
     def _decoded(self, frame: bytearray) -> Message | None:
         try:
-            found = self._mav.decode(frame)
+            message = self._mav.decode(frame)
         except dialect.MAVError:
             return None
         if self._signatures is None or (is_signed(frame) and self._signatures.valid(frame)):
-            return found
-        if not is_signed(frame) and found.get_msgId() == RADIO_STATUS:
-            return found
+            return message
+        if not is_signed(frame) and message.get_msgId() == RADIO_STATUS:
+            return message
         self.unsigned += 1
         return _REFUSED
 
@@ -159,8 +159,8 @@ def _cut(frame: bytes, length: int, extra: int) -> bytes:
     return body + int(checksum).to_bytes(2, "little")
 
 
-def _known(found: Message) -> bool:
-    return not isinstance(found, dialect.MAVLink_unknown)
+def _known(message: Message) -> bool:
+    return not isinstance(message, dialect.MAVLink_unknown)
 
 
 def _size(data: bytearray, at: int) -> int:

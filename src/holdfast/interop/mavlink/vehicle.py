@@ -110,10 +110,10 @@ class SimulatedVehicle(Closing):
             return
         if self.commands.target(message) not in (0, self.number):
             return
-        found = self.commands.command(message)
-        if found is not None:
+        inputs = self.commands.command(message)
+        if inputs is not None:
             names = self.plant.system.input_names
-            self._input = np.array([found[name] for name in names])
+            self._input = np.array([inputs[name] for name in names])
             self._commanded = now
 
     def _publish(self) -> None:

@@ -338,13 +338,13 @@ def serve(
 
 def _newest(topic: Subscription, read: Callable[[Any], Any]) -> Any:
     """What the newest readable message says; None if there is none."""
-    found = None
+    newest = None
     for message in topic.take():
         try:
-            found = read(message)
+            newest = read(message)
         except MessageError as error:
             topic.refuse(error)
-    return found
+    return newest
 
 
 def _fitting(interface: Interface | None, keep: SafetyFilter) -> Interface:

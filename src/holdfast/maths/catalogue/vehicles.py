@@ -59,8 +59,10 @@ def needed(
     if declared is not None:
         return declared
     _, numeric = arguments(function, 0)
-    known = {p.name: p for p in function(**structure).parameters}
-    return {n: (p.unit, p.description, p.above) for n in numeric if (p := known.get(n)) is not None}
+    by_name = {p.name: p for p in function(**structure).parameters}
+    return {
+        n: (p.unit, p.description, p.above) for n in numeric if (p := by_name.get(n)) is not None
+    }
 
 
 def of_vehicle(

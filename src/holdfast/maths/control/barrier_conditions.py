@@ -229,10 +229,10 @@ def kept_possible(
         return row, None
     normal, offset = row
     least, limited = _least(system.input_bounds, normal)
-    found = _later_condition(system, c, least - offset)
+    condition = _later_condition(system, c, least - offset)
     beyond = [
         n
-        for n, degree in zip(system.input_names, found.by_input, strict=True)
+        for n, degree in zip(system.input_names, condition.by_input, strict=True)
         if n in late and not degree
     ]
     still = {d.symbol: sp.S.Zero for d in system.disturbances}
@@ -245,7 +245,7 @@ def kept_possible(
         )
     if len(beyond) == len(late):
         return row, None
-    return (normal, greatest(offset, least) if limited else offset), found
+    return (normal, greatest(offset, least) if limited else offset), condition
 
 
 @checked
@@ -255,12 +255,12 @@ def unused_inputs(system: System, region: Region) -> dict[str, tuple[str, ...]]:
     An inequality on whose second derivative another input acts alike at every state has none.
     """
     moving = {q.symbol for q in (*system.states, *system.disturbances)}
-    found = {}
+    unused = {}
     for c in viability_conditions(system, region):
         alike = any(not e.free_symbols & moving and not is_zero(e) for e in c.effect)
         if c.relative_degree > 1 and not alike and (late := _later(system, c)):
-            found[c.name] = tuple(late)
-    return found
+            unused[c.name] = tuple(late)
+    return unused
 
 
 def _later(system: System, c: ViabilityCondition) -> list[str]:

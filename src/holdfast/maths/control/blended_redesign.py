@@ -89,11 +89,11 @@ def redesign(
     disturbance, or the goal is outside the region or inside a layer, where the convergent law is
     never fully active.
     """
-    for what, given in (("viable law", viable), ("layer", layers)):
+    for what, table in (("viable law", viable), ("layer", layers)):
         for name in region.inequality_names:
-            if name not in given:
+            if name not in table:
                 raise DefinitionError(f"inequality '{name}' has no {what}")
-        for name in given:
+        for name in table:
             if name not in region.inequality_names:
                 raise DefinitionError(
                     f"{what} for '{name}', which is not an inequality of region '{region.name}'",
@@ -126,7 +126,7 @@ def redesign(
     parameters = (*law.parameters, *region.parameters, *(p for x in laws for p in x.parameters))
     believed = _beliefs(law, *laws)
 
-    def told(mode: Law) -> Law:
+    def completed(mode: Law) -> Law:
         return replace(mode, reads=reads, parameters=parameters, believed=believed)
 
     blend = Law(
@@ -137,10 +137,10 @@ def redesign(
         conditions=tuple({c: None for x in (law, *laws) for c in x.conditions}),
         believed=believed,
     )
-    modes = {PURSUE: told(law), PROTECT: blend}
+    modes = {PURSUE: completed(law), PROTECT: blend}
     transitions = []
     if hold is not None:
-        modes[HOLD] = told(hold)
+        modes[HOLD] = completed(hold)
         transitions.append(Transition(PROTECT, HOLD, hold_when))
     transitions += [Transition(PURSUE, PROTECT, 1 - deep), Transition(PROTECT, PURSUE, deep - 1)]
     return Switching(
@@ -170,14 +170,14 @@ def _check_goal(
     """Refuse a goal of the convergent law at which that law is overridden."""
     read = [q.name for q in region.reads]
     if goal is None:
-        own = {p.name: p.value for p in law.parameters}
-        if not {"goal_x", "goal_y"} <= set(own) or not set(read) <= {"x", "y", "psi"}:
+        constants = {p.name: p.value for p in law.parameters}
+        if not {"goal_x", "goal_y"} <= set(constants) or not set(read) <= {"x", "y", "psi"}:
             return
-        goal = {"x": own["goal_x"], "y": own["goal_y"]}
-    known = {q.name for q in (*law.reads, *region.reads)}
+        goal = {"x": constants["goal_x"], "y": constants["goal_y"]}
+    names = {q.name for q in (*law.reads, *region.reads)}
     for name in goal:
-        if name not in known:
-            raise DefinitionError(f"goal of '{name}'", remedy=suggestion(name, known))
+        if name not in names:
+            raise DefinitionError(f"goal of '{name}'", remedy=suggestion(name, names))
     values = {p.symbol: sp.Float(p.value) for p in region.parameters}
     values |= {q.symbol: sp.Float(goal.get(q.name, 0.0)) for q in region.reads}
     pose = ", ".join(f"{n} = {goal.get(n, 0.0):g}" for n in read)
@@ -196,15 +196,15 @@ def _check_goal(
 
 def _beliefs(*laws: Law) -> dict[str, sp.Expr]:
     """The values that all laws believe of the disturbances, which must agree."""
-    found: dict[str, sp.Expr] = {}
+    agreed: dict[str, sp.Expr] = {}
     for law in laws:
         for name, belief in law.believed.items():
-            if found.setdefault(name, belief) != belief:
+            if agreed.setdefault(name, belief) != belief:
                 raise DefinitionError(
-                    f"law '{law.name}' takes '{name}' for {belief}, another law for {found[name]}",
+                    f"law '{law.name}' takes '{name}' for {belief}, another law for {agreed[name]}",
                     expected="one belief in all laws",
                 )
-    return found
+    return agreed
 
 
 def _united(law: Law, region: Region, *others: Law) -> tuple[Quantity, ...]:

@@ -22,15 +22,15 @@ def commanded(system: System, outputs: Sequence[str] | None = None) -> Law:
 
     Raises `DefinitionError` for an unknown name.
     """
-    known = {q.name: q for q in (*system.states, *system.inputs)}
+    by_name = {q.name: q for q in (*system.states, *system.inputs)}
     names = system.input_names if outputs is None else tuple(outputs)
     for name in names:
-        if name not in known:
+        if name not in by_name:
             raise DefinitionError(
                 f"'{name}' is neither an input nor a state of system '{system.name}'",
-                remedy=suggestion(name, known),
+                remedy=suggestion(name, by_name),
             )
-    handed = {n: Quantity(f"command_{n}", known[n].unit, f"commanded {n}") for n in names}
+    handed = {n: Quantity(f"command_{n}", by_name[n].unit, f"commanded {n}") for n in names}
     return Law(
         "command of another controller", (), {n: h.symbol for n, h in handed.items()},
         handed=tuple(handed.values()),

@@ -130,7 +130,9 @@ def observe(
                 f"'{q.name}' moves none of the measured states directly, so it is not estimated",
                 expected="measured states whose rates contain it",
             )
-    kept = [Quantity(f"{q.name}_hat", q.unit, f"estimate of {q.name}") for q in (*felt, *unknown)]
+    remembered = [
+        Quantity(f"{q.name}_hat", q.unit, f"estimate of {q.name}") for q in (*felt, *unknown)
+    ]
     hat = {q.symbol: symbol(f"{q.name}_hat") for q in (*felt, *unknown)}
     guess = {q.symbol: hat[q.symbol] for q in unknown}
     w = symbol("observer_bandwidth")
@@ -152,10 +154,10 @@ def observe(
         within = system.disturbance_bounds.saturate([following[n] for n in d_names])
         following |= dict(zip(d_names, within, strict=True))
     memory = Memory(
-        quantities=tuple(kept),
+        quantities=tuple(remembered),
         initial={
             k.name: q.symbol if q in felt else sp.S.Zero
-            for k, q in zip(kept, (*felt, *unknown), strict=True)
+            for k, q in zip(remembered, (*felt, *unknown), strict=True)
         },
         following=following,
         reads=tuple(seen),
@@ -167,7 +169,7 @@ def observe(
             ),
         ),
     )
-    estimated = tuple(kept[len(felt) :])
+    estimated = tuple(remembered[len(felt) :])
 
     return told_by(switching, guess, estimated, memory)
 
@@ -188,7 +190,7 @@ def told_by(
 
     check_not_predicted(switching, "an observer")
 
-    def told(mode: Law) -> Law:
+    def observed(mode: Law) -> Law:
         reads = [q for q in mode.reads if q.symbol not in guess]
         guard = mode.safeguard
         return replace(
@@ -205,7 +207,7 @@ def told_by(
     return replace(
         switching,
         name=f"{switching.name}, observed",
-        modes={name: told(mode) for name, mode in switching.modes.items()},
+        modes={name: observed(mode) for name, mode in switching.modes.items()},
         transitions=tuple(
             Transition(t.source, t.target, t.when.xreplace(guess)) for t in switching.transitions
         ),
@@ -269,12 +271,12 @@ def set_memory(
         now[q.symbol]: now[q.symbol] + HALF * SAMPLE_TIME * g[q.name] for q in system.states
     }  # the midpoint of the sample
     middle = {n: e.xreplace(half) for n, e in g.items()}
-    kept: list[Quantity] = []
+    remembered: list[Quantity] = []
     initial: dict[str, sp.Expr] = {}
     following: dict[str, sp.Expr] = {}
 
     def remember(name: str, unit: str, what: str, first: sp.Expr, then: sp.Expr) -> None:
-        kept.append(Quantity(name, unit, what))
+        remembered.append(Quantity(name, unit, what))
         initial[name], following[name] = first, then
 
     moving = {q.symbol for q in (*system.states, *system.inputs, *system.disturbances)}
@@ -310,13 +312,13 @@ def set_memory(
         y, coefficient = felt[d.name]
         left = y.symbol - symbol(f"{d.name}_unmoved")
         left = wrap(left) if y.angle else left
-        own = window[d.name]
-        time = greatest(own, SAMPLE_TIME)  # at t = 0 nothing is learnt: see below
+        span = window[d.name]
+        time = greatest(span, SAMPLE_TIME)  # at t = 0 nothing is learnt: see below
         at, by = left / (coefficient * time), symbol(f"{d.name}_doubt")
         by = by / (magnitude(coefficient) * time)
         if d.name in rate:  # from the mean of the window to its end
             by += HALF * rate[d.name] * time
-        learnt = own - HALF * SAMPLE_TIME
+        learnt = span - HALF * SAMPLE_TIME
         low, high = symbol(f"{d.name}_low"), symbol(f"{d.name}_high")
         least_d = select(learnt, greatest(low, at - by), low)
         most_d = select(learnt, least(high, at + by), high)
@@ -343,13 +345,13 @@ def set_memory(
         step = SAMPLE_TIME * middle[y.name]
         low, high = within[d.name]
         first_low, first_high = bounds[d.name]
-        unmoved, of, own = symbol(f"{d.name}_unmoved"), symbol(f"{d.name}_doubt"), window[d.name]
+        unmoved, of, span = symbol(f"{d.name}_unmoved"), symbol(f"{d.name}_doubt"), window[d.name]
         low, high = unless_empty(low, first_low), unless_empty(high, first_high)
         if d.name in rate:
-            ends = own - sp.sqrt(4 * n / (magnitude(coefficient) * rate[d.name]))
-            unmoved, of, own = (
+            ends = span - sp.sqrt(4 * n / (magnitude(coefficient) * rate[d.name]))
+            unmoved, of, span = (
                 select(ends, first, then)
-                for first, then in ((y.symbol, unmoved), (2 * n, of), (sp.S.Zero, own))
+                for first, then in ((y.symbol, unmoved), (2 * n, of), (sp.S.Zero, span))
             )
             wider = SAMPLE_TIME * rate[d.name]
             low, high = greatest(first_low, low - wider), least(first_high, high + wider)
@@ -366,14 +368,14 @@ def set_memory(
         if d.name in rate:
             remember(
                 f"{d.name}_window", "s", f"time since which {d.name} is found from {y.name}",
-                sp.S.Zero, unless_empty(own, sp.S.Zero) + SAMPLE_TIME,
+                sp.S.Zero, unless_empty(span, sp.S.Zero) + SAMPLE_TIME,
             )  # fmt: skip
     remember(
         ELAPSED, "s", "time for which the set has been learnt",
         sp.S.Zero, unless_empty(elapsed, sp.S.Zero) + SAMPLE_TIME,
     )  # fmt: skip
     return Memory(
-        quantities=tuple(kept),
+        quantities=tuple(remembered),
         initial=initial,
         following=following,
         reads=tuple(seen),
@@ -385,7 +387,7 @@ def set_memory(
 def _intervals(system: System) -> dict[str, tuple[sp.Expr, sp.Expr]]:
     """The least and the largest value of each disturbance within its bounds."""
     count = len(system.disturbances)
-    found = {}
+    intervals = {}
     for i, d in enumerate(system.disturbances):
         unit = [sp.S.One if k == i else sp.S.Zero for k in range(count)]
         if system.disturbance_bounds is None:
@@ -393,8 +395,8 @@ def _intervals(system: System) -> dict[str, tuple[sp.Expr, sp.Expr]]:
         ends = [system.disturbance_bounds.support(unit, sign)[0] for sign in (-1, 1)]
         if any(e.has(sp.oo, -sp.oo, sp.nan) for e in ends):
             raise DefinitionError(f"disturbance '{d.name}' has no finite bounds to begin with")
-        found[d.name] = ends[0], ends[1]
-    return found
+        intervals[d.name] = ends[0], ends[1]
+    return intervals
 
 
 MOST_UNSURE = 4

@@ -172,17 +172,17 @@ class _Worst:
         bases = self.skeletons.bases
         common, degrees = self._common(shapes, shape)
         turning = [p for p in self.ends if degrees[p] > 0]  # those that multiply inputs
-        own = {
+        extra = {
             k: power - common.get(k, 0)
             for k, power in _powers([shape]).items()
             if power > common.get(k, 0)
         }
-        multiplied = {k: common.get(k, 0) + own.get(k, 0) for k in (*common, *own)}
+        multiplied = {k: common.get(k, 0) + extra.get(k, 0) for k in (*common, *extra)}
         of_rest = self._degrees([shape], multiplied)
         affine = self._affine(shape, turning, of_rest)
         counted = [p for p in self.ends if p not in affine and max(degrees[p], of_rest[p]) > 0]
         factor = sp.Mul(*(self._positive(bases[k]) ** n for k, n in common.items()))
-        alone = sp.Mul(*(self._positive(bases[k]) ** n for k, n in own.items()))
+        alone = sp.Mul(*(self._positive(bases[k]) ** n for k, n in extra.items()))
         middle = {p: sum(self.ends[p]) / 2 for p in affine}
         centre = exchanged([rest], middle)[0]
         slopes = list(derivatives(rest, affine).values())
@@ -204,18 +204,18 @@ class _Worst:
         effects = self._coefficients([e * factor for e in acting], turned)
         scales = self._values([factor], turned)
         split = len(self.form[0])
-        found = []
+        forms = []
         for place, values in effects.items():
             scale = scales[place][0]
             row = [e / scale for e in values]
-            found.append((tuple(row[:split]), tuple(row[split:]), levels[place] / scale))
-        if len(found) > MOST_CONDITIONS:
+            forms.append((tuple(row[:split]), tuple(row[split:]), levels[place] / scale))
+        if len(forms) > MOST_CONDITIONS:
             raise DefinitionError(
-                f"uncertain: '{self.name}' has {len(found)} conditions over the box",
+                f"uncertain: '{self.name}' has {len(forms)} conditions over the box",
                 expected=f"at most {MOST_CONDITIONS}",
                 remedy="leave out " + " or ".join(p.name for p in turning),
             )
-        return found
+        return forms
 
     def _common(
         self, shapes: Sequence[_Terms], shape: _Terms
@@ -241,15 +241,15 @@ class _Worst:
         self, shapes: Sequence[_Terms], multiplied: Mapping[int, int]
     ) -> dict[sp.Symbol, int]:
         """The degree in each parameter, once multiplied by the bases to these powers."""
-        found = dict.fromkeys(self.ends, 0)
+        largest = dict.fromkeys(self.ends, 0)
         inside = self.skeletons.degrees
         for powers, under in itertools.chain.from_iterable(shapes):
             for i, p in enumerate(self.ends):
                 degree = powers[i] + sum(
                     (n - under.get(k, 0)) * inside(k)[i] for k, n in multiplied.items()
                 )
-                found[p] = max(found[p], degree)
-        return found
+                largest[p] = max(largest[p], degree)
+        return largest
 
     def _affine(
         self, shape: _Terms, turning: Sequence[sp.Symbol], degrees: Mapping[sp.Symbol, int]
@@ -279,31 +279,31 @@ class _Worst:
         self, expressions: Sequence[sp.Expr], degrees: Mapping[sp.Symbol, int]
     ) -> dict[tuple[int, ...], list[sp.Expr]]:
         """The expressions at the nodes of a grid of the box; others of it at their values."""
-        found = {}
+        by_place = {}
         for place in itertools.product(*(range(n + 1) for n in degrees.values())):
             here = {
                 p: self._at(p, sp.Rational(k, n))
                 for (p, n), k in zip(degrees.items(), place, strict=True)
             }
-            found[place] = exchanged(expressions, here)
-        return found
+            by_place[place] = exchanged(expressions, here)
+        return by_place
 
     def _coefficients(
         self, expressions: Sequence[sp.Expr], degrees: Mapping[sp.Symbol, int]
     ) -> dict[tuple[int, ...], list[sp.Expr]]:
         """The coefficients of Bernstein of polynomials of these degrees."""
-        found = self._values(expressions, degrees)
+        by_place = self._values(expressions, degrees)
         for axis, n in enumerate(degrees.values()):
             if n > 1:
-                found = {
+                by_place = {
                     place: [
                         sp.Add(*(w * e for w, e in zip(weights, along, strict=True)))
-                        for along in zip(*_line(found, place, axis, n), strict=True)
+                        for along in zip(*_line(by_place, place, axis, n), strict=True)
                     ]
-                    for place in found
+                    for place in by_place
                     for weights in [list(_from_values(n).row(place[axis]))]
                 }
-        return found
+        return by_place
 
     def _positive(self, base: sp.Expr) -> sp.Expr:
         """The denominator, or its opposite: which of them is positive in the box, proved."""
@@ -313,8 +313,8 @@ class _Worst:
         for p in inside:
             for end, number in zip(self.ends[p], self.numbers[p], strict=True):
                 values[end] = sp.Float(number)
-        found = self._coefficients([base], degrees)
-        signs = {sp.sign(e.xreplace(values)) for (e,) in found.values()}
+        coefficients = self._coefficients([base], degrees)
+        signs = {sp.sign(e.xreplace(values)) for (e,) in coefficients.values()}
         if signs == {sp.S.One}:
             return base
         if signs == {sp.S.NegativeOne}:
@@ -328,10 +328,10 @@ class _Worst:
 
 
 def _line(
-    found: Mapping[tuple[int, ...], list[sp.Expr]], place: tuple[int, ...], axis: int, n: int
+    by_place: Mapping[tuple[int, ...], list[sp.Expr]], place: tuple[int, ...], axis: int, n: int
 ) -> list[list[sp.Expr]]:
-    """What is found along an axis through a place."""
-    return [found[(*place[:axis], k, *place[axis + 1 :])] for k in range(n + 1)]
+    """The entries along an axis through a place."""
+    return [by_place[(*place[:axis], k, *place[axis + 1 :])] for k in range(n + 1)]
 
 
 @cache
@@ -366,12 +366,12 @@ def _merged(
     turning: Sequence[sp.Symbol],
 ) -> dict[tuple[int, ...], sp.Expr]:
     """The largest of the levels over the parameters that multiply no input."""
-    kept = [i for i, p in enumerate(counted) if p in turning]
-    found: dict[tuple[int, ...], sp.Expr] = {}
+    axes = [i for i, p in enumerate(counted) if p in turning]
+    merged: dict[tuple[int, ...], sp.Expr] = {}
     for place, level in levels.items():
-        short = tuple(place[i] for i in kept)
-        found[short] = greatest(found[short], level) if short in found else level
-    return found
+        short = tuple(place[i] for i in axes)
+        merged[short] = greatest(merged[short], level) if short in merged else level
+    return merged
 
 
 def _lowered(
@@ -384,14 +384,16 @@ def _lowered(
     The one of degree n through the values at n + 1 equal steps is below by at most the largest
     coefficient of the difference times max (1 - B_0 - B_d) = 1 - 2^(1 - d): it is 0 at both ends.
     """
-    found = dict(levels)
+    coefficients = dict(levels)
     for axis, (p, n) in enumerate(wanted.items()):
         d = present[p]
         if d <= n:
             continue
         lower = {}
-        for place in {(*q[:axis], 0, *q[axis + 1 :]) for q in found}:
-            line = sp.Matrix([found[(*place[:axis], k, *place[axis + 1 :])] for k in range(d + 1)])
+        for place in {(*q[:axis], 0, *q[axis + 1 :]) for q in coefficients}:
+            line = sp.Matrix(
+                [coefficients[(*place[:axis], k, *place[axis + 1 :])] for k in range(d + 1)]
+            )
             nodes = sp.Matrix(n + 1, d + 1, lambda k, j: _bernstein(d, j, sp.Rational(k, n)))  # noqa: B023
             through = _from_values(n) * nodes * line
             over = line - _elevated(n, d) * through
@@ -399,8 +401,8 @@ def _lowered(
             gap *= 1 - sp.Rational(1, 2 ** (d - 1))
             for k in range(n + 1):
                 lower[(*place[:axis], k, *place[axis + 1 :])] = through[k] + gap
-        found = lower
-    return found
+        coefficients = lower
+    return coefficients
 
 
 def _bernstein(n: int, i: int, t: sp.Rational) -> sp.Expr:
@@ -416,11 +418,11 @@ _Terms = list[_Term]
 
 def _powers(shapes: Iterable[_Terms]) -> dict[int, int]:
     """The largest power of each denominator."""
-    found: dict[int, int] = {}
+    powers: dict[int, int] = {}
     for _, under in itertools.chain.from_iterable(shapes):
         for k, power in under.items():
-            found[k] = max(found.get(k, 0), power)
-    return found
+            powers[k] = max(powers.get(k, 0), power)
+    return powers
 
 
 class _Skeletons:

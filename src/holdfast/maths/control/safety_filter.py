@@ -128,9 +128,9 @@ def conditions(orders: Iterable[tuple[int, ...]]) -> tuple[HeldGains, ...]:
     orders: of the conditions of every constraint, (1,), (2,), or (1, 2) with later inputs.
     """
     crossed = "a constraint is crossed between two samples although its condition is kept"
-    found = []
+    limits = []
     for kind in sorted(set(orders)):
-        found += [
+        limits += [
             HeldGains(
                 value=SAMPLE_TIME, limit=_longest(kind), consequence=crossed, closed=True,
                 source="derived for a held input", refused=True, orders=kind,
@@ -141,16 +141,16 @@ def conditions(orders: Iterable[tuple[int, ...]]) -> tuple[HeldGains, ...]:
                 source="phase margin of the condition",
             ),
         ]  # fmt: skip
-    return tuple(found)
+    return tuple(limits)
 
 
-def check_held(found: Sequence[HeldGains], gains: tuple[float, float], sample_time: float) -> None:
+def check_held(limits: Sequence[HeldGains], gains: tuple[float, float], sample_time: float) -> None:
     """Raises `DefinitionError` for gains that a sample time does not bear."""
     values = {K1: gains[0], K2: gains[1], SAMPLE_TIME: sample_time}
-    crossed = [c for c in found if c.refused and c.violation(values)]
+    crossed = [c for c in limits if c.refused and c.violation(values)]
     if crossed:  # what the shortest hold asks is enough for the others
         shortest = min(crossed, key=lambda c: float(c.limit.subs(values)))
-        of_all = replace(shortest, orders=max(c.orders for c in found))
+        of_all = replace(shortest, orders=max(c.orders for c in limits))
         raise DefinitionError(of_all.violation(values) or "")
 
 
@@ -214,8 +214,8 @@ def in_order(filters: Sequence[Law]) -> Law:
     hard = guards[0].hard
     for guard in guards:
         bounds = [guard.offsets[:hard], *(n[:hard] for n in guard.normals.values())]
-        own = [guards[0].offsets[:hard], *(n[:hard] for n in guards[0].normals.values())]
-        if guard.hard != hard or bounds != own or guard.scales != guards[0].scales:
+        of_first = [guards[0].offsets[:hard], *(n[:hard] for n in guards[0].normals.values())]
+        if guard.hard != hard or bounds != of_first or guard.scales != guards[0].scales:
             raise DefinitionError("the filters have different bounds or scales of the inputs")
     tables = [law.lookup for law in filters if law.lookup is not None]
     if len(tables) > 1:
@@ -234,8 +234,8 @@ def in_order(filters: Sequence[Law]) -> Law:
         lookup=tables[0] if tables else None,
         safeguard=Safeguard(
             {
-                name: (*own[:hard], *(e for g in guards for e in g.normals[name][hard:]))
-                for name, own in guards[0].normals.items()
+                name: (*of_first[:hard], *(e for g in guards for e in g.normals[name][hard:]))
+                for name, of_first in guards[0].normals.items()
             },
             (*guards[0].offsets[:hard], *(e for g in guards for e in g.offsets[hard:])),
             hard,
@@ -313,8 +313,8 @@ def safeguard(
         )
     region = region if constraints is None else both(region, constraints)
     box = parameter_box(uncertain, system, region)
-    given = _table("margins", margins)
-    for name, value in given.items():
+    margin_of = _table("margins", margins)
+    for name, value in margin_of.items():
         if name not in region.inequality_names:
             raise DefinitionError(
                 f"margin of '{name}', which is not an inequality of region '{region.name}'",
@@ -329,31 +329,31 @@ def safeguard(
         Parameter("kappa2", "1/s", "faster gain of the safeguard", value=float(gains[1]), above=0),
         *(
             Parameter(
-                f"margin_{c.name}", c.unit, "how far inside to stay", value=float(given[c.name])
+                f"margin_{c.name}", c.unit, "how far inside to stay", value=float(margin_of[c.name])
             )
             for c in region.inequalities
-            if c.name in given
+            if c.name in margin_of
         ),
         *box.parameters,
     )
     bounds = input_rows(system)
-    pieces = asked_of(system, region, tuple(given), worst, measured, box)
+    pieces = asked_of(system, region, tuple(margin_of), worst, measured, box)
     asked = [row for piece in pieces for row in piece.rows]
     bearable = conditions(piece.orders for piece in pieces)
     if sample_time is not None:
         check_held(bearable, gains, sample_time)
     rows = [*bounds, *((normal, offset) for normal, offset, _ in asked)]
     names_of_rows = tuple(piece.condition.name for piece in pieces for _ in piece.rows)
-    own = {c.name: c.unit for c in region.inequalities}
+    unit_of = {c.name: c.unit for c in region.inequalities}
     units = tuple(
-        over_time(own[n], order) for n, (*_, order) in zip(names_of_rows, asked, strict=True)
+        over_time(unit_of[n], order) for n, (*_, order) in zip(names_of_rows, asked, strict=True)
     )
     chosen = input_scales(system, _table("scales", scales))
 
     def guarded(law: Law) -> Law:
         check_fit(system, law)
-        told = [d for d in system.disturbances if measured and d.name not in worst]
-        reads = {q.name: q for q in (*law.reads, *system.states, *told)}
+        sensed = [d for d in system.disturbances if measured and d.name not in worst]
+        reads = {q.name: q for q in (*law.reads, *system.states, *sensed)}
         law = replace(law, reads=tuple(reads.values()))
         still = believed_disturbances(system, law)
         if measured:
@@ -419,7 +419,7 @@ def asked_of(
         rows = [(*row, c.relative_degree) for row in cases]
         drift = unknown.without(c.drift, weights) + unknown.most(weights)
         row, later = kept_possible(system, c, cases[0], drift.xreplace(believed))
-        kept = [depth]
+        below_zero = [depth]
         if later is not None:
             if box.uncertain:
                 raise DefinitionError(
@@ -431,10 +431,10 @@ def asked_of(
             w = unknown.weights(later)
             level = unknown.without(later.drift + symbol("kappa2") * later.value, w)
             rows = [(*row, 1), (later.effect, -level - unknown.most(w), 2)]
-            kept.append(later.value)
+            below_zero.append(later.value)
         elif c.relative_degree == 2:
-            kept.append(c.rate + symbol("kappa1") * depth)
-        pieces.append(Asked(c, later, tuple(rows), tuple(kept)))
+            below_zero.append(c.rate + symbol("kappa1") * depth)
+        pieces.append(Asked(c, later, tuple(rows), tuple(below_zero)))
     return pieces
 
 
@@ -497,8 +497,8 @@ class _Unknown:
         return self.bounds.support(weights, 1)[0]
 
 
-def _first_odd(names: Sequence[str], known: Sequence[str]) -> str:
-    return next(n for n in names if n not in known)
+def _first_odd(names: Sequence[str], allowed: Sequence[str]) -> str:
+    return next(n for n in names if n not in allowed)
 
 
 def over_time(unit: str, order: int) -> str:
@@ -520,9 +520,9 @@ def input_rows(system: System) -> list[Row]:
     return system.input_bounds.inscribed()
 
 
-def input_scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.Expr]:
+def input_scales(system: System, scales: Mapping[str, float]) -> Mapping[str, sp.Expr]:
     """The scale of every input: changes by one scale count equally."""
-    for name, value in given.items():
+    for name, value in scales.items():
         if name not in system.input_names:
             raise DefinitionError(
                 f"scale of '{name}', which is not an input of system '{system.name}'",
@@ -534,18 +534,18 @@ def input_scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.
     if system.input_bounds is not None:
         widths = dict(zip(system.input_names, system.input_bounds.half_widths(), strict=True))
     return {
-        name: sp.Float(given[name])
-        if name in given
+        name: sp.Float(scales[name])
+        if name in scales
         else (w if w.is_finite is not False and w != 0 else sp.S.One)
         for name, w in widths.items()
     }
 
 
-def _table(what: str, given: object) -> dict[str, float]:
-    """`given` if it is a mapping of names; its values are not checked."""
-    if given is not None and not isinstance(given, Mapping):
-        raise DefinitionError(f"{what} of the safeguard are {given!r}", expected="names to numbers")
-    return dict(given or {})
+def _table(what: str, table: object) -> dict[str, float]:
+    """`table` if it is a mapping of names; its values are not checked."""
+    if table is not None and not isinstance(table, Mapping):
+        raise DefinitionError(f"{what} of the safeguard are {table!r}", expected="names to numbers")
+    return dict(table or {})
 
 
 def _is_number(value: object) -> bool:
@@ -595,7 +595,7 @@ def limit_rates(
     units = tuple(over_time(q.unit, 1) for q in fast for _ in range(2))
     names = tuple(f"rate of {q.name}" for q in fast for _ in range(2))
 
-    def kept(mode: Law) -> Law:
+    def rate_limited(mode: Law) -> Law:
         guard = mode.safeguard or _bounds(system)
         still = believed_disturbances(system, mode)
         inputs = system.input_names
@@ -606,8 +606,8 @@ def limit_rates(
         ]  # fmt: skip
         columns = {n: guard.normals[n] for n in inputs} | {"": guard.offsets}
         wider = {
-            name: (*own[: guard.hard], *more[0][i], *own[guard.hard :], *more[1][i])
-            for i, (name, own) in enumerate(columns.items())
+            name: (*column[: guard.hard], *more[0][i], *column[guard.hard :], *more[1][i])
+            for i, (name, column) in enumerate(columns.items())
         }
         reads = {q.name: q for q in (*mode.reads, *system.states, *last.values())}
         return replace(
@@ -627,11 +627,11 @@ def limit_rates(
         )
 
     if isinstance(law, Law) and not limited:
-        return kept(law)
+        return rate_limited(law)
     modes = as_switching(law)
-    found = modes.map_laws(kept, f"{law.name}, rates limited")
+    changed = modes.map_laws(rate_limited, f"{law.name}, rates limited")
     if not limited:
-        return found
+        return changed
     memory = Memory(
         quantities=tuple(last.values()),
         initial={q.name: sp.S.Zero for q in last.values()},
@@ -639,7 +639,7 @@ def limit_rates(
         reads=(),
         inputs=system.inputs,
     )
-    return replace(found, memory=joined(modes.memory, memory))
+    return replace(changed, memory=joined(modes.memory, memory))
 
 
 def _steps(system: System, name: str, last: sp.Symbol) -> list[Row]:

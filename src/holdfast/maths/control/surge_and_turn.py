@@ -31,8 +31,8 @@ class SurgeAndTurn:
         self, surge: sp.Expr, current: tuple[sp.Expr, sp.Expr]
     ) -> tuple[sp.Expr, sp.Expr]:
         """(x', y') at a surge and a current, from the system's own rates."""
-        given = dict(zip(map(symbol, ("u", "Vx", "Vy")), (surge, *current), strict=True))
-        x, y = (self.system.rates[n].subs(given, simultaneous=True) for n in ("x", "y"))
+        values = dict(zip(map(symbol, ("u", "Vx", "Vy")), (surge, *current), strict=True))
+        x, y = (self.system.rates[n].subs(values, simultaneous=True) for n in ("x", "y"))
         return x, y
 
     def within_speed(self, surge: sp.Expr) -> sp.Expr:
@@ -58,11 +58,11 @@ class SurgeAndTurn:
         zero = sp.S.Zero
         drift = _along(slope, self.position_rates(zero, current))
         moved = _along(slope, self.position_rates(surge, (zero, zero)))
-        own = moved - _along(slope, self.position_rates(zero, (zero, zero)))
+        by_surge = moved - _along(slope, self.position_rates(zero, (zero, zero)))
         most = sp.Rational(4, 5) * symbol("turn_limit")
-        room = select(own, most - drift, most + drift)
-        slower = clip(room / (magnitude(own) + _TINY), zero, sp.S.One)
-        return slower * surge, slower * own + drift
+        room = select(by_surge, most - drift, most + drift)
+        slower = clip(room / (magnitude(by_surge) + _TINY), zero, sp.S.One)
+        return slower * surge, slower * by_surge + drift
 
 
 def _along(slope: list[sp.Expr], rates: tuple[sp.Expr, sp.Expr]) -> sp.Expr:
@@ -83,7 +83,7 @@ def surge_and_turn(
     moved = {"x": symbol("u") * cos + symbol("Vx"), "y": symbol("u") * sin + symbol("Vy")}
     fits = {"x", "y", "psi", "u", "r"} <= names and {"Vx", "Vy"} <= set(system.disturbance_names)
     if fits:  # the other velocities depend neither on u nor on states that are inputs
-        rest = [sp.expand(system.rates[n] - own) for n, own in moved.items()]
+        rest = [sp.expand(system.rates[n] - stated) for n, stated in moved.items()]
         driven = [*system.inputs, *system.disturbances]
         barred = {q.symbol for q in driven} | {symbol("u")}
         fits = not any(e.free_symbols & barred for e in rest)
@@ -96,7 +96,7 @@ def surge_and_turn(
         )
     used = system.rates["x"].free_symbols | system.rates["y"].free_symbols
     named = {symbol("x"), symbol("y"), symbol("psi")} | (used - {symbol("u")})
-    own = {p.name: p for p in system.parameters}
+    stated = {p.name: p for p in system.parameters}
     limits = []
     for name, unit, value, meaning in (
         ("speed_limit", "m/s", speed_limit, "largest requested surge"),
@@ -104,12 +104,12 @@ def surge_and_turn(
     ):
         if value is not None and not math.isfinite(value):
             raise DefinitionError(f"{name} of law '{law}' is {value}", expected="a finite number")
-        if value is None and name not in own:
+        if value is None and name not in stated:
             raise DefinitionError(
                 f"law '{law}' needs {name} [{unit}]: system '{system.name}' has none of its own",
                 expected="the largest value that the vehicle can follow",
             )
-        limit = own.get(name)
+        limit = stated.get(name)
         if value is not None and (limit is None or limit.value != value):
             if limit is not None:
                 raise DefinitionError(

@@ -186,7 +186,7 @@ def _guarded(
         Parameter("safety_margin", "1", "value to stay above", value=float(margin)),
     )
 
-    def kept(mode: Law) -> Law:
+    def guarded(mode: Law) -> Law:
         check_fit(system, mode)
         if mode.lookup is not None and mode.lookup is not lookup:
             raise DefinitionError(f"law '{mode.name}' has a value function already")
@@ -202,9 +202,9 @@ def _guarded(
         )
 
     if isinstance(law, Switching):
-        changed = law.map_laws(kept, f"{law.name}, kept safe")
+        changed = law.map_laws(guarded, f"{law.name}, kept safe")
         return cast(L, replace(changed, signals={**law.signals, "value": lookup.value}))
-    return cast(L, kept(law))
+    return cast(L, guarded(law))
 
 
 def _difference(function: sp.Expr, state: sp.Symbol, step: float) -> sp.Expr:

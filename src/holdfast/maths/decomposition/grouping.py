@@ -147,8 +147,8 @@ def _constant_null_space(rows: Sequence[Sequence[sp.Expr]], within: Directions) 
         equations += terms.values()
     if not equations:
         return within
-    found = sp.Matrix(equations).nullspace()
-    return [list((sp.Matrix([v.T]) * sp.Matrix(within)).row(0)) for v in found]
+    vectors = sp.Matrix(equations).nullspace()
+    return [list((sp.Matrix([v.T]) * sp.Matrix(within)).row(0)) for v in vectors]
 
 
 def _full_rank(rows: Sequence[Sequence[sp.Expr]]) -> bool:
@@ -257,15 +257,15 @@ def alternatives(inequalities: Sequence[Inequality]) -> list[tuple[Inequality, .
     rows = [_rows(c.expression) for c in inequalities]
     if math.prod(map(len, rows)) > MOST:
         return [tuple(inequalities)]
-    found = []
+    cases = []
     for chosen in itertools.product(*rows):
         parts = []
         for c, both in zip(inequalities, chosen, strict=True):
             for k, e in enumerate(both):
                 name = c.name if len(both) == 1 else f"{c.name}_{k + 1}"
                 parts.append(replace(c, name=name, expression=e))
-        found.append(tuple(parts))
-    return found
+        cases.append(tuple(parts))
+    return cases
 
 
 def _rows(e: sp.Expr) -> list[tuple[sp.Expr, ...]]:
@@ -337,7 +337,7 @@ def grouped(
     reasons: list[str] = []
     sets: list[list[Inequality]] = [[c for c in inequalities if c.name in together]]
     sets += [[c] for c in inequalities if c.name not in together]
-    found: list[tuple[list[Inequality], Group]] = []
+    groups: list[tuple[list[Inequality], Group]] = []
     still: list[Inequality] = []
     for members in (s for s in sets if s):
         group = _group(system, members, cut, relative)
@@ -346,46 +346,46 @@ def grouped(
             continue
         while group is not None:
             held = _held(group, chosen)
-            other = next((k for k, (_, g) in enumerate(found) if held & _held(g, chosen)), None)
+            other = next((k for k, (_, g) in enumerate(groups) if held & _held(g, chosen)), None)
             if other is None:
                 break
-            others, g = found.pop(other)
+            others, g = groups.pop(other)
             reasons += _shared(g, group, sorted(held & _held(g, chosen)))
             members = [*others, *members]
             group = _group(system, members, cut, relative)
         if group is not None:
-            found.append((members, group))
-    if still and found:
-        members, _ = found[0]
+            groups.append((members, group))
+    if still and groups:
+        members, _ = groups[0]
         again = _group(system, [*members, *still], cut, relative)
         assert again is not None
-        found[0] = ([*members, *still], again)
-    found = _absorbed(system, found, cut, relative)
-    return Grouping(tuple(g for _, g in found), tuple(dict.fromkeys(reasons)))
+        groups[0] = ([*members, *still], again)
+    groups = _absorbed(system, groups, cut, relative)
+    return Grouping(tuple(g for _, g in groups), tuple(dict.fromkeys(reasons)))
 
 
 def _absorbed(
     system: System,
-    found: list[tuple[list[Inequality], Group]],
+    groups: list[tuple[list[Inequality], Group]],
     cut: Mapping[str, Interval],
     relative: bool,
 ) -> list[tuple[list[Inequality], Group]]:
     """The groups, those with no state of their own put together with another that has them all."""
-    left = sorted(found, key=lambda pair: -len(pair[1].factor.coordinates))
-    kept: list[tuple[list[Inequality], Group]] = []
+    left = sorted(groups, key=lambda pair: -len(pair[1].factor.coordinates))
+    remaining: list[tuple[list[Inequality], Group]] = []
     for members, group in left:
         mine = dict(group.factor.coordinates)
-        for k, (others, g) in enumerate(kept):
+        for k, (others, g) in enumerate(remaining):
             if mine.items() <= dict(g.factor.coordinates).items() and mine.keys().isdisjoint(g.cut):
                 again = _group(system, [*others, *members], cut, relative)
                 assert again is not None
                 if again.factor.coordinates == g.factor.coordinates and again.cut == g.cut:
-                    kept[k] = ([*others, *members], again)
+                    remaining[k] = ([*others, *members], again)
                     break
         else:
-            kept.append((members, group))
-    order = {c.name: k for k, (m, _) in enumerate(found) for c in m}
-    return sorted(kept, key=lambda pair: min(order[c.name] for c in pair[0]))
+            remaining.append((members, group))
+    order = {c.name: k for k, (m, _) in enumerate(groups) for c in m}
+    return sorted(remaining, key=lambda pair: min(order[c.name] for c in pair[0]))
 
 
 def _group(
@@ -394,11 +394,11 @@ def _group(
     read = set().union(*(c.expression.free_symbols for c in members))
     names = {q.name: q.symbol for q in system.states}
     mine = {n: i for n, i in cut.items() if names[n] not in read}
-    found = factor(with_cut(system, mine), members, relative=relative)
-    if found is None:
+    projection = factor(with_cut(system, mine), members, relative=relative)
+    if projection is None:
         return None
-    used = {n: i for n, i in mine.items() if n in found.system.disturbance_names}
-    return Group(found, used)
+    used = {n: i for n, i in mine.items() if n in projection.system.disturbance_names}
+    return Group(projection, used)
 
 
 def _held(group: Group, chosen: Sequence[str]) -> set[str]:

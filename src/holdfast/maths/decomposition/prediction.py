@@ -68,7 +68,7 @@ def lags(system: System) -> tuple[Lag, ...]:
     """The states of a system that follow a combination of its inputs with a first-order lag."""
     inputs = {q.symbol for q in system.inputs}
     allowed = inputs | {q.symbol for q in system.parameters}
-    found = []
+    lagging = []
     for q in system.states:
         rate = sp.expand(system.rates[q.name])
         slope = sp.diff(rate, q.symbol)
@@ -79,8 +79,8 @@ def lags(system: System) -> tuple[Lag, ...]:
             continue
         of = {s: sp.diff(drive, s) for s in drive.free_symbols & inputs}
         if all(not e.free_symbols & inputs for e in of.values()):
-            found.append(Lag(q, -1 / slope, drive))
-    return tuple(found)
+            lagging.append(Lag(q, -1 / slope, drive))
+    return tuple(lagging)
 
 
 def predicted(system: System, share: float) -> Prediction:
@@ -98,20 +98,20 @@ def predicted(system: System, share: float) -> Prediction:
             f"a share of {share:g} of the actuators", expected="above 0, at most 1"
         )
     numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
-    found = lags(system)
-    late = {lag.state.symbol for lag in found}
+    lagging = lags(system)
+    late = {lag.state.symbol for lag in lagging}
     names = [q.name for q in system.states if q.symbol not in late]
     rates = {n: system.rates[n].xreplace(numbers) for n in names}
-    _check(system, found, rates)
+    _check(system, lagging, rates)
     inputs = [q.symbol for q in system.inputs]
-    constants = [float(lag.constant.xreplace(numbers)) for lag in found]
-    drives = [lag.drive.xreplace(numbers) for lag in found]
-    _check_lags(found, constants, drives, inputs)
+    constants = [float(lag.constant.xreplace(numbers)) for lag in lagging]
+    drives = [lag.drive.xreplace(numbers) for lag in lagging]
+    _check_lags(lagging, constants, drives, inputs)
     matrix = sp.Matrix([[sp.diff(d, u) for u in inputs] for d in drives])
     bounds = system.input_bounds
     assert bounds is not None
     sides, gain = _range(bounds.at(numbers), matrix, share)
-    actuators = tuple(lag.state for lag in found)
+    actuators = tuple(lag.state for lag in lagging)
     slow = [t / gain for t in constants]
     states = tuple(q for q in system.states if q.name in names)
     shift, back = _shifts(states, rates, [a.symbol for a in actuators], slow)
@@ -138,13 +138,13 @@ def predicted(system: System, share: float) -> Prediction:
 
 
 def _check_lags(
-    found: Sequence[Lag],
+    lagging: Sequence[Lag],
     constants: Sequence[float],
     drives: Sequence[sp.Expr],
     inputs: Sequence[sp.Symbol],
 ) -> None:
     """Refuse actuators that run away from their commands, or that rest elsewhere than at 0."""
-    for lag, t, drive in zip(found, constants, drives, strict=True):
+    for lag, t, drive in zip(lagging, constants, drives, strict=True):
         if not 0 < t < math.inf:
             raise DefinitionError(
                 f"actuator '{lag.state.name}' does not follow its command: its time constant is "
@@ -160,9 +160,9 @@ def _check_lags(
             )
 
 
-def _check(system: System, found: Sequence[Lag], rates: Mapping[str, sp.Expr]) -> None:
+def _check(system: System, lagging: Sequence[Lag], rates: Mapping[str, sp.Expr]) -> None:
     owner = f"system '{system.name}'"
-    if not found:
+    if not lagging:
         raise DefinitionError(
             f"no state of {owner} follows the inputs with a first-order lag",
             expected="rates (s(u) - a) / T of actuators",
@@ -170,13 +170,13 @@ def _check(system: System, found: Sequence[Lag], rates: Mapping[str, sp.Expr]) -
         )
     if system.input_bounds is None:
         raise DefinitionError(f"{owner} has no bounds for its inputs")
-    if len(found) != len(system.inputs):
+    if len(lagging) != len(system.inputs):
         raise DefinitionError(
-            f"{owner} has {len(found)} actuators that lag and {len(system.inputs)} inputs",
+            f"{owner} has {len(lagging)} actuators that lag and {len(system.inputs)} inputs",
             expected="as many of each",
         )
     inputs = {q.symbol for q in system.inputs}
-    late = {lag.state.symbol for lag in found}
+    late = {lag.state.symbol for lag in lagging}
     states = {q.symbol for q in system.states}
     for name, rate in rates.items():
         if used := rate.free_symbols & (inputs | {TIME}):
@@ -224,10 +224,10 @@ def _range(
 
 
 def _corners(sides: Sequence[tuple[float, float]]) -> list[list[float]]:
-    found: list[list[float]] = [[]]
+    corners: list[list[float]] = [[]]
     for side in sides:
-        found = [[*corner, end] for corner in found for end in side]
-    return found
+        corners = [[*corner, end] for corner in corners for end in side]
+    return corners
 
 
 def _shifts(
@@ -241,14 +241,16 @@ def _shifts(
     direct = {n: derivatives(rates[n], actuators) for n in rates}
     driven = {n for n in rates if any(e != 0 for e in direct[n].values())}
     still = {q.symbol: sp.S.Zero for q in states if q.name in driven}
-    known, step = set(still), sp.Float(math.fsum(slow) / len(slow))
+    acted_on, step = set(still), sp.Float(math.fsum(slow) / len(slow))
     shift: dict[str, sp.Expr] = {}
     for n, rate in rates.items():
         first = [t * direct[n][a] * a for a, t in zip(actuators, slow, strict=True)]
         if any(e != 0 for e in first):
             shift[n] = sp.Add(*first)
             continue
-        shift[n] = step * (rate - rate.xreplace(still)) if rate.free_symbols & known else sp.S.Zero
+        shift[n] = (
+            step * (rate - rate.xreplace(still)) if rate.free_symbols & acted_on else sp.S.Zero
+        )
         if shift[n].free_symbols - set(symbols):
             shift[n] = sp.S.Zero
     for n, e in shift.items():

@@ -25,13 +25,13 @@ def renamed(system: System, names: Mapping[str, str], name: str = "") -> System:
     Raises `DefinitionError` for a name that the system does not have.
     """
     quantities = (*system.states, *system.inputs, *system.disturbances, *system.parameters)
-    known = [q.name for q in quantities]
+    declared = [q.name for q in quantities]
     for old in names:
-        if old not in known:
+        if old not in declared:
             raise DefinitionError(
-                f"system '{system.name}' has no '{old}'", remedy=suggestion(old, known)
+                f"system '{system.name}' has no '{old}'", remedy=suggestion(old, declared)
             )
-    new = {symbol(old): symbol(given) for old, given in names.items()}
+    new = {symbol(old): symbol(wanted) for old, wanted in names.items()}
 
     def called(quantity: Quantity) -> str:
         return names.get(quantity.name, quantity.name)

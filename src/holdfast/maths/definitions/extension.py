@@ -101,10 +101,10 @@ def _holds(system: System, name: str) -> Callable[[float], bool]:
         raise DefinitionError(
             f"the rate of '{name}' is not affine in the inputs", expected="f + g . u"
         )
-    own = next(q.symbol for q in system.states if q.name == name)
+    state = next(q.symbol for q in system.states if q.name == name)
     others = (*system.states, *system.disturbances)
     numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
-    numbers |= {q.symbol: sp.S.Zero for q in others if q.symbol != own}
+    numbers |= {q.symbol: sp.S.Zero for q in others if q.symbol != state}
     drift = rate.xreplace(dict.fromkeys(inputs, sp.S.Zero)).xreplace(numbers)
     drift, *gains = (e.xreplace(numbers) for e in (drift, *gains))
     assert system.input_bounds is not None
@@ -116,7 +116,7 @@ def _holds(system: System, name: str) -> Callable[[float], bool]:
         return -bounds.support_value([-g for g in gain]), bounds.support_value(gain)
 
     def holds(value: float) -> bool:
-        here = {own: sp.Float(value)}
+        here = {state: sp.Float(value)}
         f, *g = (float(e.xreplace(here)) for e in (drift, *gains))
         if not all(map(math.isfinite, (f, *g))):
             return False
@@ -189,9 +189,9 @@ def subsystem(system: System, states: tuple[str, ...]) -> System:
     rates = {n: r for n, r in system.rates.items() if n in states}
     others = {q.symbol for q in system.states if q.name not in states}
     for name, rate in rates.items():
-        if found := rate.free_symbols & others:
+        if outside := rate.free_symbols & others:
             raise DefinitionError(
-                f"the rate of '{name}' depends on '{min(map(str, found))}'",
+                f"the rate of '{name}' depends on '{min(map(str, outside))}'",
                 expected="states whose rates depend on no other",
             )
     used = set().union(*(r.free_symbols for r in rates.values()))
@@ -212,9 +212,9 @@ def subsystem(system: System, states: tuple[str, ...]) -> System:
     )
 
 
-def _separable(bounds: Bounds | None, kept: list[bool]) -> bool:
+def _separable(bounds: Bounds | None, felt: list[bool]) -> bool:
     try:
-        section(bounds, kept)
+        section(bounds, felt)
     except DefinitionError:
         return False
     return True
@@ -251,20 +251,22 @@ def dynamic_extension(
             )
     by_name = {q.name: q for q in system.inputs}
     extended = tuple(by_name[name] for name in inputs)  # `rates` are in this order
-    kept = tuple(q for q in system.inputs if q.name not in inputs)
+    remaining = tuple(q for q in system.inputs if q.name not in inputs)
     new = tuple(
         Quantity(f"{q.name}_rate", per_second(q.unit), f"rate of {q.description or q.name}")
         for q in extended
     )
-    left = section(system.input_bounds, [q in kept for q in system.inputs]) if kept else None
+    left = (
+        section(system.input_bounds, [q in remaining for q in system.inputs]) if remaining else None
+    )
     return replace(
         system,
         name=f"{system.name}, {' and '.join(inputs)} as states",
         states=(*system.states, *extended),
-        inputs=(*kept, *new),
+        inputs=(*remaining, *new),
         rates={**system.rates, **{q.name: symbol(f"{q.name}_rate") for q in extended}},
-        input_bounds=product(left or free_box(len(kept)), rates or free_box(len(new)))
-        if kept
+        input_bounds=product(left or free_box(len(remaining)), rates or free_box(len(new)))
+        if remaining
         else rates,
     )
 
@@ -354,7 +356,7 @@ def lagged(
     Raises `DefinitionError` for unknown names, inputs and actuators together, and numbers that are
     not above 0.
     """
-    own = lag is None
+    as_declared = lag is None
     if lag is None:
         if slew is not None:
             raise DefinitionError("slew without a lag", expected="both, or neither")
@@ -374,8 +376,8 @@ def lagged(
         raise DefinitionError("lag is empty", expected="{input: seconds}")
     if alone := [name for name in slew if name not in lag]:
         raise DefinitionError(f"slew of '{alone[0]}' without its lag", expected="both")
-    constant = {n: symbol(n + LAG if own else f"lag_{n}") for n in lag}
-    fastest = {n: symbol(n + SLEW if own else f"slew_{n}") for n in slew}
+    constant = {n: symbol(n + LAG if as_declared else f"lag_{n}") for n in lag}
+    fastest = {n: symbol(n + SLEW if as_declared else f"slew_{n}") for n in slew}
     parameters = [
         Parameter(f"lag_{n}", "s", f"time constant of {n}", value=float(v), above=0)
         for n, v in lag.items()
@@ -406,7 +408,7 @@ def lagged(
             *(Quantity(PREFIX + n, units[n], f"{n} that acts") for n in lag),
         ),
         rates=rates,
-        parameters=system.parameters if own else (*system.parameters, *parameters),
+        parameters=system.parameters if as_declared else (*system.parameters, *parameters),
     )
 
 

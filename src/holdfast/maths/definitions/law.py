@@ -270,19 +270,19 @@ class Foresight:
         """The same condition of `inputs` u, in place of w = (u - shift) / gain of some `names`."""
         m, n = len(names), self.axes(len(names))
         pairs = m * (m + 1) // 2
-        own = {name: (sp.Symbol(f"_u_{name}", real=True) - shift[name]) / gain for name in names}
+        w = {name: (sp.Symbol(f"_u_{name}", real=True) - shift[name]) / gain for name in names}
         u = {name: sp.Symbol(f"_u_{name}", real=True) for name in inputs}
         none = dict.fromkeys(u.values(), sp.S.Zero)
         base, gains, curves = [], [], []
         for i in range(n):
             place = self.motion[i]
             for j, a in enumerate(names):
-                place += self.motion[n + i * m + j] * own[a]
+                place += self.motion[n + i * m + j] * w[a]
             if self.curved:
                 at = n * (1 + m) + i * pairs
                 for j, a in enumerate(names):
                     for b in names[j:]:
-                        place += self.motion[at] * own[a] * own[b]
+                        place += self.motion[at] * w[a] * w[b]
                         at += 1
             slopes = [place.diff(a) for a in u.values()]
             base.append(place.xreplace(none))

@@ -65,8 +65,8 @@ def to_si(value: object, unit: str) -> float:
         raise UnitError(
             f"got {_shown(value)}", expected=f'a number in {unit}, or text such as "1.5 {unit}"'
         )
-    number, given = parts[0], parts[1] or unit
-    return _finite(number if given == unit else convert(number, given, unit), value)
+    number, from_unit = parts[0], parts[1] or unit
+    return _finite(number if from_unit == unit else convert(number, from_unit, unit), value)
 
 
 def split(text: str) -> tuple[float, str] | None:
@@ -85,37 +85,37 @@ def in_base_units(value: object) -> float:
         raise UnitError(f"got {value!r}", expected='a number, or text with a unit, such as "30 cm"')
     if parts is None or not parts[1]:
         return to_si(value, "1")
-    number, given = parts
-    if given in _COMMON:
+    number, unit = parts
+    if unit in _COMMON:
         return number
-    if given == "deg":
+    if unit == "deg":
         return math.radians(number)
-    if given in _FACTORS:
-        return number * _FACTORS[given][1]
+    if unit in _FACTORS:
+        return number * _FACTORS[unit][1]
     try:
-        quantity = _registry().Quantity(number, _registry().Unit(_pint_text(given)))
+        quantity = _registry().Quantity(number, _registry().Unit(_pint_text(unit)))
         return float(quantity.to_base_units().magnitude)
     except Exception:
-        raise UnitError(f"'{given[:40]}' is not a unit", expected="a unit such as 'm/s'") from None
+        raise UnitError(f"'{unit[:40]}' is not a unit", expected="a unit such as 'm/s'") from None
 
 
-def convert(number: float, given: str, unit: str) -> float:
-    """`number` in the unit `given`, expressed in `unit`; `UnitError` if they do not fit."""
-    if given == unit:
+def convert(number: float, from_unit: str, unit: str) -> float:
+    """`number` in the unit `from_unit`, expressed in `unit`; `UnitError` if they do not fit."""
+    if from_unit == unit:
         return number
-    if (given, unit) == ("deg", "rad"):  # the common case, without loading the unit library
+    if (from_unit, unit) == ("deg", "rad"):  # the common case, without loading the unit library
         return math.radians(number)
-    if given in _FACTORS and _FACTORS[given][0] == unit:
-        return number * _FACTORS[given][1]
+    if from_unit in _FACTORS and _FACTORS[from_unit][0] == unit:
+        return number * _FACTORS[from_unit][1]
     import pint
 
     try:
-        quantity = _registry().Quantity(number, _registry().Unit(_pint_text(given)))
+        quantity = _registry().Quantity(number, _registry().Unit(_pint_text(from_unit)))
         converted = quantity.to(_pint_text(unit))
     except pint.DimensionalityError:
-        raise UnitError(f"the unit '{given}' does not fit", expected=f"'{unit}'") from None
+        raise UnitError(f"the unit '{from_unit}' does not fit", expected=f"'{unit}'") from None
     except Exception:
-        raise UnitError(f"'{given[:40]}' is not a unit", expected=f"'{unit}'") from None
+        raise UnitError(f"'{from_unit[:40]}' is not a unit", expected=f"'{unit}'") from None
     return float(converted.magnitude)
 
 
@@ -259,11 +259,11 @@ def merge_parameters(*groups: Iterable[Parameter]) -> tuple[Parameter, ...]:
     merged: dict[str, Parameter] = {}
     for group in groups:
         for parameter in group:
-            known = merged.setdefault(parameter.name, parameter)
-            if known.value != parameter.value or known.unit != parameter.unit:
+            first = merged.setdefault(parameter.name, parameter)
+            if first.value != parameter.value or first.unit != parameter.unit:
                 raise DefinitionError(
                     f"parameter '{parameter.name}' is declared twice: "
-                    f"{known.value:g} {known.unit} and {parameter.value:g} {parameter.unit}",
+                    f"{first.value:g} {first.unit} and {parameter.value:g} {parameter.unit}",
                     remedy="give both the same value or rename one",
                 )
     return tuple(merged.values())
@@ -305,11 +305,11 @@ def check_symbols(
 ) -> None:
     """Refuse an expression with a symbol that its owner does not declare, or a function that
     cannot be compiled."""
-    known = set(allowed)
+    declared = set(allowed)
     for what, expression in expressions.items():
-        found = list(parts([expression]))
-        unknown = sorted(str(s) for s in found if isinstance(s, sp.Symbol) and s not in known)
-        for part in found:
+        nodes = list(parts([expression]))
+        unknown = sorted(str(s) for s in nodes if isinstance(s, sp.Symbol) and s not in declared)
+        for part in nodes:
             if part.args and not isinstance(part, _COMPILED):
                 raise DefinitionError(
                     f"{what} of {owner} uses '{type(part).__name__}', which cannot be compiled: "
@@ -321,6 +321,6 @@ def check_symbols(
         if unknown:
             raise DefinitionError(
                 f"{what} of {owner} uses the undeclared name '{unknown[0]}'",
-                expected="only " + ", ".join(sorted(str(s) for s in known)),
+                expected="only " + ", ".join(sorted(str(s) for s in declared)),
                 remedy="declare it, or correct its spelling",
             )

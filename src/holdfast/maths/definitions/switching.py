@@ -63,14 +63,14 @@ class Memory:
                 raise DefinitionError(
                     f"'{odd}' " + (f"has no {what} value" if odd in names else "is not remembered")
                 )
-        known = [q.symbol for q in (*self.reads, *self.parameters)]
+        at_start = [q.symbol for q in (*self.reads, *self.parameters)]
         check_symbols(
-            {f"first value of '{n}'": e for n, e in self.initial.items()}, known, "the memory"
+            {f"first value of '{n}'": e for n, e in self.initial.items()}, at_start, "the memory"
         )
-        own = [q.symbol for q in (*self.quantities, *self.inputs)]
+        later = [q.symbol for q in (*self.quantities, *self.inputs)]
         check_symbols(
             {f"following value of '{n}'": e for n, e in self.following.items()},
-            [*known, *own, TIME, SAMPLE_TIME],
+            [*at_start, *later, TIME, SAMPLE_TIME],
             "the memory",
         )
 
@@ -184,15 +184,15 @@ class Switching:
     @property
     def lookup(self) -> Lookup | None:
         """The lookup table that its laws use, the same for all of them."""
-        found = [law.lookup for law in self.modes.values() if law.lookup is not None]
-        if any(other != found[0] or other.table is not found[0].table for other in found):
+        lookups = [law.lookup for law in self.modes.values() if law.lookup is not None]
+        if any(other != lookups[0] or other.table is not lookups[0].table for other in lookups):
             raise DefinitionError(f"the modes of '{self.name}' look up different functions")
-        return found[0] if found else None
+        return lookups[0] if lookups else None
 
     @property
     def conditions(self) -> tuple[GainCondition, ...]:
-        found = {c: None for law in self.modes.values() for c in law.conditions}
-        return tuple(found)
+        distinct = {c: None for law in self.modes.values() for c in law.conditions}
+        return tuple(distinct)
 
     def map_laws(self, change: Callable[[Law], Law], name: str) -> Switching:
         """The same modes and guards with every law replaced by change(law)."""
@@ -224,13 +224,13 @@ def as_switching(law: Law | Switching) -> Switching:
 
 def check_outputs(system: System, law: Law | Switching) -> None:
     """Refuse a law whose outputs are not the inputs of the system."""
-    given, wanted = law.output_names, system.input_names
-    if len(given) != len(wanted) or set(given) != set(wanted):
+    outputs, wanted = law.output_names, system.input_names
+    if len(outputs) != len(wanted) or set(outputs) != set(wanted):
         raise DefinitionError(
-            f"law '{law.name}' gives {', '.join(given)}",
+            f"law '{law.name}' gives {', '.join(outputs)}",
             expected=f"the inputs of system '{system.name}': " + ", ".join(wanted),
             remedy="its outputs are velocities: let the inputs track them (track_velocity, or "
             "[tracking] in a scenario)"
-            if set(given) <= set(system.state_names)
+            if set(outputs) <= set(system.state_names)
             else "",
         )

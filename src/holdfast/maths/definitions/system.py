@@ -120,24 +120,24 @@ def by_measurements(system: System, law: Law | Switching) -> Law | Switching:
     A law reads only its `reads`. If these are measurements, the law knows nothing else of the
     states. A law that reads only states is returned unchanged.
     """
-    told = {m.name: m for m in system.measurements}
-    if not any(q.name in told for q in law.reads):
+    by_name = {m.name: m for m in system.measurements}
+    if not any(q.name in by_name for q in law.reads):
         return law
-    known = {m.symbol: m.expression for m in system.measurements}
+    expressions = {m.symbol: m.expression for m in system.measurements}
 
     def written_out(mode: Law) -> Law:
-        read = [q for q in mode.reads if q.name in told]
-        used = set().union(*(told[q.name].expression.free_symbols for q in read))
-        others = [q for q in mode.reads if q.name not in told]
+        read = [q for q in mode.reads if q.name in by_name]
+        used = set().union(*(by_name[q.name].expression.free_symbols for q in read))
+        others = [q for q in mode.reads if q.name not in by_name]
         states = [q for q in system.states if q.symbol in used and q not in others]
         return replace(
             mode,
             reads=(*others, *states),
-            outputs={n: e.xreplace(known) for n, e in mode.outputs.items()},
-            signals={n: e.xreplace(known) for n, e in mode.signals.items()},
-            believed={n: e.xreplace(known) for n, e in mode.believed.items()},
-            safeguard=mode.safeguard.subs(known) if mode.safeguard else None,
-            lookup=mode.lookup.subs(known) if mode.lookup else None,
+            outputs={n: e.xreplace(expressions) for n, e in mode.outputs.items()},
+            signals={n: e.xreplace(expressions) for n, e in mode.signals.items()},
+            believed={n: e.xreplace(expressions) for n, e in mode.believed.items()},
+            safeguard=mode.safeguard.subs(expressions) if mode.safeguard else None,
+            lookup=mode.lookup.subs(expressions) if mode.lookup else None,
             parameters=(*mode.parameters, *(p for p in system.parameters if p.symbol in used)),
         )
 
@@ -146,9 +146,9 @@ def by_measurements(system: System, law: Law | Switching) -> Law | Switching:
     return replace(
         law.map_laws(written_out, law.name),
         transitions=tuple(
-            Transition(t.source, t.target, t.when.xreplace(known)) for t in law.transitions
+            Transition(t.source, t.target, t.when.xreplace(expressions)) for t in law.transitions
         ),
-        signals={n: e.xreplace(known) for n, e in law.signals.items()},
+        signals={n: e.xreplace(expressions) for n, e in law.signals.items()},
     )
 
 
@@ -246,8 +246,8 @@ class System:
             integrals = flat.antiderivatives
             check_unique([q.name for q in quantities] + [a.name for a in integrals], owner)
             for e in (flat.first, *flat.last):
-                known = [*seen, *(a.symbol for a in integrals)]
-                check_symbols({"the flat output": e}, known, owner)
+                allowed = [*seen, *(a.symbol for a in integrals)]
+                check_symbols({"the flat output": e}, allowed, owner)
             for a in integrals:
                 check_symbols({f"'{a.name}'": a.slope}, seen, owner)
         for number, row in enumerate(self.pfaffian, start=1):
@@ -308,13 +308,13 @@ class System:
 
     def quantities(self, names: tuple[str, ...], owner: str) -> tuple[Quantity, ...]:
         """The states and parameters of these names; `DefinitionError` if one is missing."""
-        known = {q.name: q for q in self.states + self.parameters}
+        by_name = {q.name: q for q in self.states + self.parameters}
         for name in names:
-            if name not in known:
+            if name not in by_name:
                 raise DefinitionError(
                     f"{owner} needs '{name}', which system '{self.name}' does not have"
                 )
-        return tuple(known[name] for name in names)
+        return tuple(by_name[name] for name in names)
 
     @checked
     def derivative(self, expression: sp.Expr) -> sp.Expr:
@@ -331,13 +331,13 @@ class System:
         return {name: rate.subs(still) for name, rate in self.rates.items()}
 
 
-def check_rates(law: str, system: System, wanted: Callable[..., System], *given: Any) -> None:
-    """Refuse a system whose undisturbed rates are not those of `wanted`(*given).
+def check_rates(law: str, system: System, wanted: Callable[..., System], *arguments: Any) -> None:
+    """Refuse a system whose undisturbed rates are not those of `wanted`(*arguments).
 
     Names must agree too: a law uses the names of the states and inputs it was made for.
     """
     try:
-        model = wanted(*given)
+        model = wanted(*arguments)
     except DefinitionError:
         model = wanted()
     same = system.state_names == model.state_names and system.input_names == model.input_names

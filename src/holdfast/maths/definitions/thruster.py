@@ -72,21 +72,21 @@ def actuation(thrusters: Sequence[Thruster]) -> Actuation:
     """
     matrix = sp.Matrix.hstack(*(sp.Matrix(t.effect) for t in thrusters))
     surge, sway, yaw = (list(matrix.row(i)) for i in range(3))
-    kept: tuple[int, ...] = (0, 2)
+    rows: tuple[int, ...] = (0, 2)
     beside = sp.zeros(1, 2)
     if any(e != 0 for e in sway):
         beside, rest = _combination(sway, surge, yaw)
         if rest:
-            kept = (0, 1, 2)
+            rows = (0, 1, 2)
     elif not matrix.free_symbols:
         _combination(sway, surge, yaw)
-    inputs = tuple(INPUTS[i] for i in kept)
+    inputs = tuple(INPUTS[i] for i in rows)
     by_name = {q.name: q.symbol for q in inputs}
     along, turn = by_name["tau_u"], by_name["tau_r"]
     across = by_name.get("tau_v", beside[0] * along + beside[1] * turn)
-    image = LinearImage if len(thrusters) == len(kept) else AllocatedImage
+    image = LinearImage if len(thrusters) == len(rows) else AllocatedImage
     bounds = image(
-        sp.ImmutableMatrix(matrix.extract(list(kept), list(range(len(thrusters))))),
+        sp.ImmutableMatrix(matrix.extract(list(rows), list(range(len(thrusters))))),
         Box(tuple(-t.astern for t in thrusters), tuple(t.ahead for t in thrusters)),
         tuple(t.name for t in thrusters),
     )

@@ -51,14 +51,14 @@ class Varied:
     cases: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, given in self.draws.items():
-            if len(given) != 2:
+        for name, ends in self.draws.items():
+            if len(ends) != 2:
                 raise DefinitionError(
-                    f"'{name}' is drawn from {given!r}",
+                    f"'{name}' is drawn from {ends!r}",
                     expected="a lowest and a highest number",
                     key=f"varied.draws.{name}",
                 )
-            low, high = given
+            low, high = ends
             if not (math.isfinite(low) and math.isfinite(high) and low <= high):
                 raise DefinitionError(
                     f"'{name}' is drawn from [{low:g}, {high:g}]",
@@ -121,8 +121,8 @@ class Varied:
                 )
             if name in self.draws or name in self.values:
                 raise DefinitionError(f"'{name}' has cases and is drawn or given a value")
-        given = {name: tuple(map(float, column)) for name, column in self.cases.items()}
-        object.__setattr__(self, "cases", MappingProxyType(given))
+        columns = {name: tuple(map(float, column)) for name, column in self.cases.items()}
+        object.__setattr__(self, "cases", MappingProxyType(columns))
 
     @property
     def case_count(self) -> int:
@@ -179,12 +179,12 @@ class Varied:
     @property
     def expressions(self) -> tuple[sp.Expr, ...]:
         """Of the values, then of the plant, with every value of the run written out."""
-        known: dict[sp.Symbol, sp.Expr] = {}
+        values: dict[sp.Symbol, sp.Expr] = {}
         for name, expression in self.values.items():
-            known[symbol(name)] = expression.subs(known, simultaneous=True)
+            values[symbol(name)] = expression.subs(values, simultaneous=True)
         return (
-            *known.values(),
-            *(e.subs(known, simultaneous=True) for e in self.plant.values()),
+            *values.values(),
+            *(e.subs(values, simultaneous=True) for e in self.plant.values()),
         )
 
     @property

@@ -68,8 +68,8 @@ def declared_parameters(
 
 def optional_parameters(function: Callable[..., Any]) -> Collection[str]:
     """The names of the table that a vehicle may lack."""
-    found: Collection[str] = getattr(function, OPTIONAL, frozenset())
-    return found
+    names: Collection[str] = getattr(function, OPTIONAL, frozenset())
+    return names
 
 
 def vehicle_names() -> tuple[str, ...]:
@@ -138,12 +138,12 @@ def checked_vehicle(
 ) -> Vehicle:
     """The vehicle of these tables; its parameters are checked against those its system needs."""
     thrusters = _thrusters(shown, data, units, optional)
-    own = {n: u for n, u in units.items() if n not in THRUSTER}
+    of_vehicle = {n: u for n, u in units.items() if n not in THRUSTER}
     return Vehicle(
         Path(name).stem,
         str(data["title"]),
         str(data["system"]),
-        checked_table(shown, "parameters", data["parameters"], own, optional),
+        checked_table(shown, "parameters", data["parameters"], of_vehicle, optional),
         str(data.get("note", "")),
         thrusters,
     )
@@ -177,27 +177,29 @@ def _thrusters(
 def checked_table(
     shown: str,
     table: str,
-    given: object,
+    entries: object,
     units: Mapping[str, tuple[str, str, float]],
     optional: Collection[str] = (),
 ) -> dict[str, Parameter]:
     """The parameters of one table of a vehicle file."""
-    if not isinstance(given, dict):
-        raise ScenarioError(f"{shown}: {table} is {given!r}", expected="a table")
+    if not isinstance(entries, dict):
+        raise ScenarioError(f"{shown}: {table} is {entries!r}", expected="a table")
     owner = "" if table == "parameters" else f" of {table}"
-    for key in given:
+    for key in entries:
         if key not in units:
             raise ScenarioError(
                 f"{shown}: unknown parameter '{key}'{owner}", remedy=suggestion(key, units)
             )
-    found = {}
+    parameters = {}
     for key, (unit, meaning, above) in units.items():
-        if key not in given:
+        if key not in entries:
             if key in optional:
                 continue
             raise ScenarioError(f"{shown}: missing parameter '{key}' ({meaning}, {unit}){owner}")
-        found[key] = _parameter(f"{shown}: {table}.{key}", key, given[key], unit, meaning, above)
-    return found
+        parameters[key] = _parameter(
+            f"{shown}: {table}.{key}", key, entries[key], unit, meaning, above
+        )
+    return parameters
 
 
 def _parameter(

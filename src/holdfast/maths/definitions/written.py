@@ -41,7 +41,7 @@ def written(what: Any, *more: type) -> dict[str, Any]:
     Raises `DefinitionError` or `ExpressionError` for what a file cannot have.
     """
     steps = Steps()
-    known = (*CLASSES, *more)
+    classes = (*CLASSES, *more)
 
     def plain(value: Any) -> Any:
         if value is None or isinstance(value, bool | str):
@@ -58,12 +58,12 @@ def written(what: Any, *more: type) -> dict[str, Any]:
             return {"table": [[plain(k), plain(v)] for k, v in value.items()]}
         if isinstance(value, tuple | list):
             return [plain(v) for v in value]
-        if type(value) in known:
+        if type(value) in classes:
             said = {f.name: plain(getattr(value, f.name)) for f in fields(value)}
             return {"is": type(value).__name__, **said}
         raise DefinitionError(
             f"{type(value).__name__} cannot be written to a file",
-            expected=", ".join(c.__name__ for c in known),
+            expected=", ".join(c.__name__ for c in classes),
         )
 
     return {"what": plain(what), "steps": steps.rows}
@@ -140,13 +140,13 @@ class _Reader:
 
     def _record(self, data: Any, hint: Any) -> Any:
         named = self.classes[data["is"]]
-        given = {n: v for n, v in data.items() if n != "is"}
+        entries = {n: v for n, v in data.items() if n != "is"}
         assert is_dataclass(named)
         names = [f.name for f in fields(named)]
-        if not issubclass(named, hint) or given.keys() != set(names):
-            raise ValueError(f"a {data['is']} with {', '.join(given):.60}")
+        if not issubclass(named, hint) or entries.keys() != set(names):
+            raise ValueError(f"a {data['is']} with {', '.join(entries):.60}")
         hints = typing.get_type_hints(named)
-        return named(**{n: self.value(given[n], hints[n]) for n in names})
+        return named(**{n: self.value(entries[n], hints[n]) for n in names})
 
 
 def _of(value: Any, kind: Any) -> Any:

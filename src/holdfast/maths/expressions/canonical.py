@@ -134,21 +134,21 @@ def branches(expressions: Sequence[sp.Expr]) -> list[Branch]:
     more than `MOST` cases.
     """
     waiting: list[Branch] = [((), list(expressions))]
-    found: list[Branch] = []
+    finished: list[Branch] = []
     while waiting:
-        if len(waiting) + len(found) > MOST:
+        if len(waiting) + len(finished) > MOST:
             raise DefinitionError(f"expressions with more than {MOST} cases of select and sgn")
         conditions, now = waiting.pop()
         at = _first_level(now)
         if at is None:
-            found.append((conditions, now))
+            finished.append((conditions, now))
             continue
         for sign, more in ((1, (-at,)), (-1, (at,)), (0, (at, -at))):
             jumps = [p for p in parts(now) if isinstance(p, JUMPS) and p.args[0] == at]
             if sign or any(isinstance(p, sp.sign) for p in jumps):
                 values = {p: _value(p, sign) for p in jumps}
                 waiting.append(((*conditions, *more), exchanged(now, values)))
-    return found
+    return finished
 
 
 def _first_level(expressions: Sequence[sp.Expr]) -> sp.Expr | None:
@@ -183,10 +183,10 @@ def _cases(*pairs: sp.Basic) -> sp.Expr:
             f"Piecewise has no value where none of its conditions holds: {pairs[-1]}",
             remedy="end it with (value, True)",
         )
-    found, _ = pairs[-1]
+    nested, _ = pairs[-1]
     for value, condition in reversed(pairs[:-1]):
-        found = _chosen(condition, value, found)
-    return found
+        nested = _chosen(condition, value, nested)
+    return nested
 
 
 def _chosen(condition: Boolean, then: sp.Expr, other: sp.Expr) -> sp.Expr:
@@ -253,9 +253,9 @@ def canonical(expression: Any) -> sp.Expr:
         return e
     exchanged: dict[sp.Basic, sp.Basic] = {}
 
-    def own(part: sp.Basic) -> sp.Basic:
+    def converted(part: sp.Basic) -> sp.Basic:
         if part not in exchanged:
-            arguments = [own(a) for a in part.args]
+            arguments = [converted(a) for a in part.args]
             if type(part) in OWN:
                 exchanged[part] = sp.sympify(OWN[type(part)](*arguments))
             else:
@@ -263,4 +263,4 @@ def canonical(expression: Any) -> sp.Expr:
                 exchanged[part] = part if same else part.func(*arguments)
         return exchanged[part]
 
-    return own(e)
+    return converted(e)

@@ -33,14 +33,14 @@ def array_function(arguments: Any, expressions: Any, values: Values | None = Non
         fixed: Any = [sp.sympify(e).xreplace(numbers) for e in expressions]
     else:
         fixed = sp.sympify(expressions).xreplace(numbers)
-    found: Callable[..., Any] = sp.lambdify(arguments, fixed, "numpy")
-    return found
+    compiled: Callable[..., Any] = sp.lambdify(arguments, fixed, "numpy")
+    return compiled
 
 
 def constant(expression: Any) -> float | None:
     """The value of an expression without symbols, to 15 digits; None for one with symbols."""
-    known = sp.sympify(expression)
-    return float(sp.N(known)) if known.is_number else None
+    exact = sp.sympify(expression)
+    return float(sp.N(exact)) if exact.is_number else None
 
 
 def norm(vector: Iterable[Any]) -> sp.Expr:

@@ -63,21 +63,21 @@ def _finite(value: float, shown: str) -> sp.Expr:
 
 def _extent(expression: sp.Expr) -> tuple[int, int]:
     """(number of nodes, depth) of an expression as a tree, counted without unfolding it."""
-    known: dict[sp.Basic, tuple[int, int]] = {}
+    extents: dict[sp.Basic, tuple[int, int]] = {}
     stack = [expression]
     while stack:
         node = stack[-1]
-        missing = [a for a in node.args if a not in known]
+        missing = [a for a in node.args if a not in extents]
         if missing:
             stack += missing
             continue
-        parts = [known[a] for a in node.args]
-        known[node] = (
+        parts = [extents[a] for a in node.args]
+        extents[node] = (
             1 + sum(size for size, _ in parts),
             1 + max((depth for _, depth in parts), default=0),
         )
         stack.pop()
-    return known[expression]
+    return extents[expression]
 
 
 class _Translator:
@@ -283,7 +283,7 @@ def parse_number(
     text: object, names: Mapping[str, sp.Expr], values: Mapping[sp.Symbol, float]
 ) -> float:
     """The number of an expression at these values; `ExpressionError` if it is not a number."""
-    found = parse_expression(text, names).subs(values)
-    if not (found.is_number and found.is_real and found.is_finite):
-        raise ExpressionError(f"{found} is not a number", expected="a value from parameters")
-    return float(found)
+    number = parse_expression(text, names).subs(values)
+    if not (number.is_number and number.is_real and number.is_finite):
+        raise ExpressionError(f"{number} is not a number", expected="a value from parameters")
+    return float(number)

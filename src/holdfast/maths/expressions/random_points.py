@@ -91,15 +91,15 @@ class Sampler:
         self, expressions: Iterable[sp.Expr], at: Mapping[sp.Symbol, sp.Expr]
     ) -> list[Bounded] | None:
         """The values there, each with a bound of its error; None if one is not a number."""
-        found = [measured(e, at) for e in expressions]
-        if not all(mpmath.isfinite(value) for value, _ in found):
+        bounded = [measured(e, at) for e in expressions]
+        if not all(mpmath.isfinite(value) for value, _ in bounded):
             return None
-        return [(value, self.rounding * size) for value, size in found]
+        return [(value, self.rounding * size) for value, size in bounded]
 
     def rank(self, rows: Iterable[Iterable[sp.Expr]], at: Mapping[sp.Symbol, sp.Expr]) -> int:
         """The rank there of the rows that are numbers there, whatever their scales."""
-        found = [self.row(expressions, at) for expressions in rows]
-        return rank([row for row in found if row is not None])
+        evaluated = [self.row(expressions, at) for expressions in rows]
+        return rank([row for row in evaluated if row is not None])
 
 
 def is_zero(expression: sp.Expr) -> bool:
@@ -138,30 +138,30 @@ def measured(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> Bounded:
     The size is the error of the value per unit of relative rounding of every operation:
     |a| + |b| for a + b, however small the sum. Both are nan if the value is not a real number.
     """
-    known: dict[sp.Basic, Bounded] = {}
+    memo: dict[sp.Basic, Bounded] = {}
     with mpmath.workdps(_DIGITS):
-        return _measured(sp.sympify(expression), at, known)
+        return _measured(sp.sympify(expression), at, memo)
 
 
 _NONE = (mpmath.mpf("nan"), mpmath.mpf("nan"))
 
 
 def _measured(
-    e: sp.Basic, at: Mapping[sp.Symbol, sp.Expr], known: dict[sp.Basic, Bounded]
+    e: sp.Basic, at: Mapping[sp.Symbol, sp.Expr], memo: dict[sp.Basic, Bounded]
 ) -> Bounded:
     if not isinstance(e, sp.Expr) or isinstance(e, sp.Piecewise):
         return _NONE  # a condition
-    if e not in known:
-        parts = [_measured(a, at, known) for a in e.args]
+    if e not in memo:
+        parts = [_measured(a, at, memo) for a in e.args]
         if any(not mpmath.isfinite(value) for value, _ in parts):
-            known[e] = _NONE
+            memo[e] = _NONE
         elif isinstance(e, sp.Add):
-            known[e] = mpmath.fsum(v for v, _ in parts), mpmath.fsum(s for _, s in parts)
+            memo[e] = mpmath.fsum(v for v, _ in parts), mpmath.fsum(s for _, s in parts)
         elif isinstance(e, sp.Mul):
-            known[e] = _product(parts)
+            memo[e] = _product(parts)
         else:
-            known[e] = _applied(e, parts, at)
-    return known[e]
+            memo[e] = _applied(e, parts, at)
+    return memo[e]
 
 
 def _product(parts: Sequence[Bounded]) -> Bounded:
@@ -226,13 +226,13 @@ def rank(rows: Sequence[Sequence[Bounded]]) -> int:
             matrix = [_scaled(row) for row in matrix]
             columns = [_scaled(column) for column in zip(*matrix, strict=True)]
             matrix = [list(row) for row in zip(*columns, strict=True)]
-        found = 0
+        pivots = 0
         while matrix and matrix[0]:
             places = [(i, j) for i in range(len(matrix)) for j in range(len(matrix[0]))]
             i, j = max(places, key=lambda ij: _known(matrix[ij[0]][ij[1]]))
             if _known(matrix[i][j]) == 0:
                 break
-            found += 1
+            pivots += 1
             top = matrix.pop(i)
             matrix = [
                 [_reduced(a, row[j], top[j], b) for a, b in zip(row, top, strict=True)]
@@ -240,7 +240,7 @@ def rank(rows: Sequence[Sequence[Bounded]]) -> int:
             ]
             for row in matrix:
                 del row[j]
-        return found
+        return pivots
 
 
 def _known(entry: Bounded) -> mpmath.mpf:

@@ -36,16 +36,16 @@ def symbols_of(expressions: Iterable[sp.Basic]) -> set[sp.Symbol]:
 
 def exchanged(expressions: Iterable[sp.Expr], values: Mapping[sp.Expr, sp.Expr]) -> list[sp.Expr]:
     """The expressions with parts exchanged for others, as by `xreplace`."""
-    known: dict[sp.Basic, sp.Basic] = dict(values)
+    memo: dict[sp.Basic, sp.Basic] = dict(values)
 
-    def found(part: sp.Basic) -> sp.Basic:
-        if part not in known:
-            arguments = [found(a) for a in part.args]
+    def replaced(part: sp.Basic) -> sp.Basic:
+        if part not in memo:
+            arguments = [replaced(a) for a in part.args]
             same = all(a is b for a, b in zip(arguments, part.args, strict=True))
-            known[part] = part if same else part.func(*arguments)
-        return known[part]
+            memo[part] = part if same else part.func(*arguments)
+        return memo[part]
 
-    return [found(e) for e in expressions]
+    return [replaced(e) for e in expressions]
 
 
 def at_numbers(e: sp.Expr, values: Mapping[sp.Symbol, sp.Expr | float]) -> sp.Expr:
@@ -76,13 +76,13 @@ def derivatives(expression: sp.Expr, by: Iterable[sp.Symbol]) -> dict[sp.Symbol,
     return {s: _derivative(expression, s, {}) for s in by}
 
 
-def _derivative(e: sp.Expr, s: sp.Symbol, known: dict[sp.Basic, sp.Expr]) -> sp.Expr:
-    if e not in known:
+def _derivative(e: sp.Expr, s: sp.Symbol, memo: dict[sp.Basic, sp.Expr]) -> sp.Expr:
+    if e not in memo:
         if isinstance(e, CHAINED):
-            known[e] = _by_chain(e, s, [_derivative(a, s, known) for a in e.args])
+            memo[e] = _by_chain(e, s, [_derivative(a, s, memo) for a in e.args])
         else:
-            known[e] = e.diff(s)
-    return known[e]
+            memo[e] = e.diff(s)
+    return memo[e]
 
 
 _OF_ONE = (sp.sin, sp.cos, sp.tan, sp.tanh, sp.exp, sp.log, sp.atan)

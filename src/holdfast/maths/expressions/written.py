@@ -82,8 +82,8 @@ def _row(part: sp.Basic, arguments: Sequence[int]) -> list[Any]:
         return ["rational", str(part.p), str(part.q)]
     if isinstance(part, sp.Symbol) and part == sp.Symbol(part.name, real=True):
         return ["symbol", part.name]
-    for name, known in NUMBERS.items():
-        if part == known:
+    for name, number in NUMBERS.items():
+        if part == number:
             return [name]
     if arguments:
         return [type(part).__name__, *arguments]
@@ -99,16 +99,16 @@ def _refusal(part: sp.Basic) -> ExpressionError:
 
 def expressions(rows: Sequence[Sequence[Any]]) -> list[sp.Expr]:
     """The expression of every step; `ExpressionError` for steps that nobody wrote."""
-    found: list[sp.Expr] = []
+    by_step: list[sp.Expr] = []
     sizes: list[int] = []
     for row in rows:
         kind, *rest = row
-        arguments = [_earlier(k, len(found)) for k in rest] if kind in FUNCTIONS else []
+        arguments = [_earlier(k, len(by_step)) for k in rest] if kind in FUNCTIONS else []
         sizes.append(1 + sum(sizes[k] for k in arguments))
         if sizes[-1] > MOST_PARTS:
             raise ExpressionError("an expression is too large", expected=f"{MOST_PARTS:,} parts")
-        found.append(_made(kind, rest, [found[k] for k in arguments]))
-    return found
+        by_step.append(_made(kind, rest, [by_step[k] for k in arguments]))
+    return by_step
 
 
 def _earlier(number: Any, count: int) -> int:

@@ -123,7 +123,7 @@ def _between(one: str, other: str) -> sp.Expr:
 
 def _renamed_law(law: Law, names: Mapping[str, str], of: str) -> Law:
     """The law with its reads and parameters renamed; outputs u{of}, w{of}."""
-    new = {symbol(old): symbol(given) for old, given in names.items()}
+    new = {symbol(old): symbol(wanted) for old, wanted in names.items()}
     outputs = {"uF": f"u{of}", "wF": f"w{of}"}
     if law.safeguard is not None or set(law.outputs) != set(outputs):
         raise DefinitionError(

@@ -60,14 +60,14 @@ def polygon(vertices: object = None, what: str = "the footprint") -> Polygon:
 
 def edges(corners: Polygon) -> tuple[Edge, ...]:
     """The sides of a polygon that `polygon` returned."""
-    found = []
+    sides = []
     for one, other in zip(corners, corners[1:] + corners[:1], strict=True):
         along, aside = _minus(other, one)
         size = math.hypot(along, aside)
         normal = aside / size, -along / size
         offset = normal[0] * one[0] + normal[1] * one[1]
-        found.append(Edge(*(sp.Float(value) for value in (*normal, offset))))
-    return tuple(found)
+        sides.append(Edge(*(sp.Float(value) for value in (*normal, offset))))
+    return tuple(sides)
 
 
 def _minus(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:

@@ -68,11 +68,11 @@ def dependences(system: System, symbol: sp.Symbol) -> list[set[sp.Symbol]]:
 
     A rate that jumps in `symbol`, and so has no derivative there, depends on it.
     """
-    found = []
+    by_rate = []
     for rate in system.rates.values():
         jumps = any(e.has(symbol) for e in rate.atoms(sgn, wrap, select, sp.Piecewise))
-        found.append(rate.diff(symbol).free_symbols | ({symbol} if jumps else set()))
-    return found
+        by_rate.append(rate.diff(symbol).free_symbols | ({symbol} if jumps else set()))
+    return by_rate
 
 
 def in_the_way(system: System, symbol: sp.Symbol, sampled: set[sp.Symbol]) -> list[set[sp.Symbol]]:
@@ -86,7 +86,7 @@ def in_the_way(system: System, symbol: sp.Symbol, sampled: set[sp.Symbol]) -> li
     unknown = (inputs | disturbances) - sampled
     if symbol in inputs:
         unknown |= disturbances
-    return [found & unknown for found in dependences(system, symbol)]
+    return [used & unknown for used in dependences(system, symbol)]
 
 
 def without_closed_form(system: System) -> set[sp.Symbol]:
@@ -107,12 +107,12 @@ def without_closed_form(system: System) -> set[sp.Symbol]:
     sampled: set[sp.Symbol] = set()
     for among in ("itself", "the disturbances", "all"):
         for group in groups:
-            found = set().union(*(e for s in group for e in in_the_way(system, s, sampled)))
+            blocking = set().union(*(e for s in group for e in in_the_way(system, s, sampled)))
             if among == "itself":
-                found &= set(group)
+                blocking &= set(group)
             elif among == "the disturbances":
-                found &= disturbances
-            if found:
+                blocking &= disturbances
+            if blocking:
                 sampled |= set(group)
     return sampled
 
@@ -209,21 +209,21 @@ def hamiltonian(
         return _case(list(zip(players, gains, strict=True)), drift, p, spread, u | d)
 
     answers = [_best([case(u, d) for d in points[1]], players[1].sign, spread) for u in points[0]]
-    found = _best(answers, players[0].sign, spread)
+    answer = _best(answers, players[0].sign, spread)
     return Hamiltonian(
         system,
         tuple(p),
         tuple(spread),
-        found.value,
-        frozen({q.name: found.chosen[q.symbol] for q in system.inputs}),
-        frozen({q.name: found.chosen[q.symbol] for q in system.disturbances}),
-        found.speeds,
-        found.tight_speeds,
+        answer.value,
+        frozen({q.name: answer.chosen[q.symbol] for q in system.inputs}),
+        frozen({q.name: answer.chosen[q.symbol] for q in system.disturbances}),
+        answer.speeds,
+        answer.tight_speeds,
         system.samples if which else 0,
         not any(
-            found & {d.symbol for d in system.disturbances}
+            answer & {d.symbol for d in system.disturbances}
             for q in system.inputs
-            for found in dependences(system, q.symbol)
+            for answer in dependences(system, q.symbol)
         ),
         (inputs, disturbances),
     )
@@ -412,11 +412,11 @@ class Player:
         symbols = [q.symbol for q in self.members]
         for symbol in symbols:
             ways = in_the_way(self.system, symbol, set(self.sampled))
-            for name, found in zip(self.system.state_names, ways, strict=True):
-                if found:
+            for name, blocking in zip(self.system.state_names, ways, strict=True):
+                if blocking:
                     raise DefinitionError(
                         f"the rate of '{name}' is not affine in '{symbol}': its derivative by it "
-                        f"depends on '{min(map(str, found))}'",
+                        f"depends on '{min(map(str, blocking))}'",
                         expected="rates affine in every input and disturbance, for a closed form",
                         remedy="or take points of their sets in place of it, for example samples=9",
                     )
@@ -662,10 +662,10 @@ def _blocks(game: Game) -> Iterator[_Block]:
         players, columns = [], []
         for player, gain, free in zip(game.players, game.gains, groups, strict=True):
             mine = [j for group in free for j in group if _acts(gain, group, axes)]
-            kept = [j in mine for j in range(len(player.members))]
-            members = tuple(q for q, k in zip(player.members, kept, strict=True) if k)
-            columns.append(tuple(j for j, k in enumerate(kept) if k))
-            players.append(replace(player, members=members, bounds=section(player.bounds, kept)))
+            acting = [j in mine for j in range(len(player.members))]
+            members = tuple(q for q, k in zip(player.members, acting, strict=True) if k)
+            columns.append(tuple(j for j, k in enumerate(acting) if k))
+            players.append(replace(player, members=members, bounds=section(player.bounds, acting)))
         yield _Block(axes, tuple(players), tuple(columns), _corners(players))
 
 

@@ -48,13 +48,13 @@ class MeasuredMotion:
         return [*self.outputs, *self._slopes(self.outputs)]
 
     def _slopes(self, of: Sequence[sp.Expr]) -> list[sp.Expr]:
-        found: list[sp.Expr] = []
+        all_slopes: list[sp.Expr] = []
         for group in (self.states, self.unknown):
             symbols = [q.symbol for q in group]
             for expression in of:
                 slopes = derivatives(expression, symbols)
-                found += [slopes[s] for s in symbols]
-        return found
+                all_slopes += [slopes[s] for s in symbols]
+        return all_slopes
 
 
 def measured_motion(
@@ -74,20 +74,20 @@ def measured_motion(
     """
     names = tuple(measured)
     wanted = _quantities(system, unknown)
-    given = dict(outputs or {})
-    for name in (*names, *given):
-        if (name not in system.rates and name not in given) or name not in names:
+    by_signal = dict(outputs or {})
+    for name in (*names, *by_signal):
+        if (name not in system.rates and name not in by_signal) or name not in names:
             raise DefinitionError(
                 f"'{name}' is no state of system '{system.name}'"
                 if name in names
                 else f"the log has no signal '{name}'",
                 remedy=suggestion(name, system.rates if name in names else names),
             )
-    kept = {q.symbol for q in wanted}
-    still = {d.symbol: sp.S.Zero for d in system.disturbances if d.symbol not in kept}
+    estimated = {q.symbol for q in wanted}
+    still = {d.symbol: sp.S.Zero for d in system.disturbances if d.symbol not in estimated}
     states = {q.symbol: q for q in system.states}
-    seen = [sp.sympify(given.get(n, states_symbol(system, n))).xreplace(still) for n in names]
-    allowed = states.keys() | {p.symbol for p in system.parameters} | kept
+    seen = [sp.sympify(by_signal.get(n, states_symbol(system, n))).xreplace(still) for n in names]
+    allowed = states.keys() | {p.symbol for p in system.parameters} | estimated
     for name, expression in zip(names, seen, strict=True):
         if odd := sorted(str(s) for s in symbols_of([expression]) - allowed):
             raise DefinitionError(
@@ -110,7 +110,7 @@ def measured_motion(
         states=tuple(used),
         inputs=tuple(q for q in system.inputs if q.symbol in present),
         unknown=tuple(q for q in wanted if q.symbol in present),
-        parameters=tuple(p for p in system.parameters if p.symbol not in kept),
+        parameters=tuple(p for p in system.parameters if p.symbol not in estimated),
         rates=expressions,
         names=names,
         outputs=tuple(seen),
@@ -123,13 +123,13 @@ def states_symbol(system: System, name: str) -> sp.Symbol:
 
 
 def _quantities(system: System, names: Iterable[str]) -> list[Quantity]:
-    known = {q.name: q for q in (*system.parameters, *system.disturbances)}
-    found = []
+    by_name = {q.name: q for q in (*system.parameters, *system.disturbances)}
+    quantities = []
     for name in names:
-        if name not in known:
+        if name not in by_name:
             raise DefinitionError(
                 f"system '{system.name}' has no parameter '{name}'",
-                remedy=suggestion(name, known),
+                remedy=suggestion(name, by_name),
             )
-        found.append(known[name])
-    return found
+        quantities.append(by_name[name])
+    return quantities

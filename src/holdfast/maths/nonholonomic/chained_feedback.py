@@ -60,9 +60,9 @@ def eigenvalues(matrix: sp.Matrix) -> list[complex]:
     """The eigenvalues of a matrix of numbers, by decreasing real part."""
     with mpmath.workdps(40):
         values, _ = mpmath.eig(mpmath.matrix(matrix.tolist()))
-    found = [complex(v) for v in values]
+    numbers = [complex(v) for v in values]
     return sorted(
-        (complex(round(z.real, 12) + 0.0, round(z.imag, 12) + 0.0) for z in found), key=_by_decay
+        (complex(round(z.real, 12) + 0.0, round(z.imag, 12) + 0.0) for z in numbers), key=_by_decay
     )
 
 

@@ -69,26 +69,28 @@ def bracket(f: sp.Matrix, g: sp.Matrix, symbols: Sequence[sp.Symbol]) -> sp.Matr
     return g.jacobian(symbols) * f - f.jacobian(symbols) * g
 
 
-def growth(found: Structure) -> Growth:
+def growth(constraint: Structure) -> Growth:
     """The growth of the Lie algebra of the motions that A q' = 0 allows (Frobenius, Chow).
 
     The distribution ker A is involutive, hence A integrable, exactly when the first brackets
     add nothing; kappa - integrable constraints are nonholonomic.
     """
-    symbols, sampler = found.symbols, found.sampler()
+    symbols, sampler = constraint.symbols, constraint.sampler()
     n = len(symbols)
-    names = [f"g_{name}" for name in found.direction_names]
-    kept = [(name, sp.Matrix(g)) for name, g in zip(names, found.directions, strict=True)]
-    entries = [e for _, g in kept for e in g]
+    names = [f"g_{name}" for name in constraint.direction_names]
+    generators = [
+        (name, sp.Matrix(g)) for name, g in zip(names, constraint.directions, strict=True)
+    ]
+    entries = [e for _, g in generators for e in g]
     place = sampler.generic_point(symbols, entries, "the motion that the constraint allows")
     generic, origin = _Span(sampler, place), _Span(sampler, sampler.origin(symbols))
-    for _, g in kept:
+    for _, g in generators:
         generic.take(g)
         origin.take(g)
-    vector, new, brackets = [generic.rank], kept, []
+    vector, new, brackets = [generic.rank], generators, []
     for order in range(2, n + _FURTHER + 1):
         fresh, shown = [], []
-        for (left, f), (right, g) in _pairs(kept, new, first=order == 2)[:_MOST]:
+        for (left, f), (right, g) in _pairs(generators, new, first=order == 2)[:_MOST]:
             made = bracket(f, g, symbols).applyfunc(plain)
             if any(e != 0 for e in made):
                 named = (f"[{left}, {right}]", made)
@@ -115,12 +117,12 @@ def growth(found: Structure) -> Growth:
         brackets=tuple((name, sp.ImmutableMatrix(g)) for name, g in brackets),
         integrable=n - generic.rank,
         integrable_rows=tuple(
-            i + 1 for i in range(found.matrix.rows) if _row_integrable(found, i, sampler)
+            i + 1 for i in range(constraint.matrix.rows) if _row_integrable(constraint, i, sampler)
         ),
     )
 
 
-def derived_flag(found: Structure) -> tuple[int, ...]:
+def derived_flag(constraint: Structure) -> tuple[int, ...]:
     """The dimensions at a generic point of E_0 = span{g_i}, E_(k+1) = E_k + [E_k, E_k].
 
     Until they no longer grow. Brackets of all fields count, those of `growth` with a g_i alone: a
@@ -128,23 +130,23 @@ def derived_flag(found: Structure) -> tuple[int, ...]:
     they are 2, 3, 4, ..., n (P. Martin, P. Rouchon, Feedback linearization and driftless systems,
     Mathematics of Control, Signals, and Systems 7, 1994).
     """
-    symbols, sampler = found.symbols, found.sampler()
-    kept = [sp.Matrix(g) for g in found.directions]
-    entries = [e for g in kept for e in g]
+    symbols, sampler = constraint.symbols, constraint.sampler()
+    basis = [sp.Matrix(g) for g in constraint.directions]
+    entries = [e for g in basis for e in g]
     place = sampler.generic_point(symbols, entries, "the motion that the constraint allows")
     span = _Span(sampler, place)
-    kept = [g for g in kept if span.take(g)]
-    dimensions, known = [span.rank], 0
+    basis = [g for g in basis if span.take(g)]
+    dimensions, done = [span.rank], 0
     while span.rank < len(symbols):
         fresh = []
-        for i, f in enumerate(kept):
-            for g in kept[max(known, i + 1) :]:
+        for i, f in enumerate(basis):
+            for g in basis[max(done, i + 1) :]:
                 made = bracket(f, g, symbols).applyfunc(plain)
                 if span.take(made):
                     fresh.append(made)
         if not fresh:
             break
-        known, kept = len(kept), kept + fresh
+        done, basis = len(basis), basis + fresh
         dimensions.append(span.rank)
     return tuple(dimensions)
 
@@ -179,15 +181,15 @@ class _Span:
 Named = tuple[str, sp.Matrix]
 
 
-def _pairs(kept: list[Named], new: list[Named], *, first: bool) -> list[tuple[Named, Named]]:
+def _pairs(generators: list[Named], new: list[Named], *, first: bool) -> list[tuple[Named, Named]]:
     if first:
-        return list(combinations(kept, 2))
-    return [(g, h) for g in kept for h in new]
+        return list(combinations(generators, 2))
+    return [(g, h) for g in generators for h in new]
 
 
-def _row_integrable(found: Structure, number: int, sampler: Sampler) -> bool:
+def _row_integrable(constraint: Structure, number: int, sampler: Sampler) -> bool:
     """Frobenius for one row a: a ^ da = 0."""
-    a, q = found.matrix.row(number), found.symbols
+    a, q = constraint.matrix.row(number), constraint.symbols
     return all(
         sampler.vanishes(
             a[i] * (a[k].diff(q[j]) - a[j].diff(q[k]))
@@ -241,7 +243,7 @@ class Search:
 
 
 def find_chained_form(
-    found: Structure,
+    constraint: Structure,
     *,
     limit: float = 60.0,
     progress: Callable[[float], None] | None = None,
@@ -255,18 +257,18 @@ def find_chained_form(
     def ended(form: ChainedForm | None, reason: str, tried: int, pairs: int) -> Search:
         return Search(form, reason, tried, pairs, time.monotonic() - began)
 
-    n = len(found.coordinates)
-    if not found.catastatic or any(f != 0 for f in found.drift):
+    n = len(constraint.coordinates)
+    if not constraint.catastatic or any(f != 0 for f in constraint.drift):
         return ended(None, "a chained form has no drift, this system has", 0, 0)
-    if not found.kinematic or len(found.directions) != 2:
-        count = len(found.inputs) or "other"
+    if not constraint.kinematic or len(constraint.directions) != 2:
+        count = len(constraint.inputs) or "other"
         return ended(None, f"a chained form has two inputs, this system {count}", 0, 0)
-    if found.flat_output is not None:
-        result = _chain_of(found, found.flat_output, began + limit)
+    if constraint.flat_output is not None:
+        result = _chain_of(constraint, constraint.flat_output, began + limit)
         if isinstance(result, ChainedForm):
             return ended(result, "", 0, 0)
         return ended(None, f"the declared flat output begins no chain: {result}", 0, 0)
-    states = found.coordinates
+    states = constraint.coordinates
     pairs = [(a, b) for a in states for b in states if a != b]
     refusals: dict[str, list[str]] = {}
     for number, (first, last) in enumerate(pairs):
@@ -279,11 +281,11 @@ def find_chained_form(
             )
         if progress is not None:
             progress(number / len(pairs))
-        result = _chain_of(found, FlatOutput(first.symbol, (last.symbol,)), began + limit)
+        result = _chain_of(constraint, FlatOutput(first.symbol, (last.symbol,)), began + limit)
         if isinstance(result, ChainedForm):
             return ended(result, "", number + 1, len(pairs))
         refusals.setdefault(result, []).append(f"({first.name}, {last.name})")
-    flag = derived_flag(found)
+    flag = derived_flag(constraint)
     if flag != tuple(range(2, n + 1)):
         return ended(
             None,
@@ -303,18 +305,18 @@ def find_chained_form(
     )
 
 
-def _chain_of(found: Structure, flat: FlatOutput, deadline: float) -> ChainedForm | str:
-    sampler, n = found.sampler(), len(found.coordinates)
+def _chain_of(constraint: Structure, flat: FlatOutput, deadline: float) -> ChainedForm | str:
+    sampler, n = constraint.sampler(), len(constraint.coordinates)
     # an antiderivative is one more coordinate here, which any constant may be added to
     integrals = flat.antiderivatives
-    q = [*found.symbols, *(a.symbol for a in integrals)]
+    q = [*constraint.symbols, *(a.symbol for a in integrals)]
     origin = sampler.origin(q)
 
     def lifted(direction: sp.ImmutableMatrix) -> sp.Matrix:
-        rows = [a.slope * _along(direction, a.upper, found.symbols) for a in integrals]
+        rows = [a.slope * _along(direction, a.upper, constraint.symbols) for a in integrals]
         return sp.Matrix([*direction, *rows])
 
-    (ga, gb) = map(lifted, found.directions)
+    (ga, gb) = map(lifted, constraint.directions)
     one, zero = sp.S.One, sp.S.Zero
     first = flat.first
     ahead_a, ahead_b = (_along(g, first, q) for g in (ga, gb))
@@ -356,7 +358,7 @@ def _chain_of(found: Structure, flat: FlatOutput, deadline: float) -> ChainedFor
     if not sampler.nonzero(across, origin):
         return "the second input does not move the chain at the origin"
     z = (first, *chain)
-    if not _regular(z, flat, found.symbols, sampler):
+    if not _regular(z, flat, constraint.symbols, sampler):
         return "the coordinates are dependent at the origin"
     ahead = along(g1, z[1])
     # u on (g1, g2): u1 = v1 / speed, u2 = (v2 - ahead u1) / across
@@ -409,6 +411,6 @@ def _domain(
                 nonzero |= {f.as_base_exp()[0] for f in sp.Mul.make_args(power.base)}
         for function in e.atoms(sp.log):
             positive.add(function.args[0])
-    ordered = (sorted(found, key=sp.default_sort_key) for found in (nonzero, positive))
-    divisors, bases = (tuple(e for e in found if e.free_symbols & states) for found in ordered)
+    ordered = (sorted(terms, key=sp.default_sort_key) for terms in (nonzero, positive))
+    divisors, bases = (tuple(e for e in terms if e.free_symbols & states) for terms in ordered)
     return divisors, bases

@@ -329,14 +329,14 @@ def structure(system: System, moment: Sequence[float] | None = None) -> Structur
     )
 
 
-def relative_degrees(found: Structure, t: Quantity) -> tuple[int, ...]:
+def relative_degrees(constraint: Structure, t: Quantity) -> tuple[int, ...]:
     """The number of differentiations of each output until the rate of t appears; 0: never."""
     moved = {
-        q.symbol: set().union(*(g[i].free_symbols for g in found.directions))
-        for i, q in enumerate(found.coordinates)
+        q.symbol: set().union(*(g[i].free_symbols for g in constraint.directions))
+        for i, q in enumerate(constraint.coordinates)
     }
     degrees = []
-    for h in found.output:
+    for h in constraint.output:
         reached, degree = set(h.free_symbols) & set(moved), 1
         while t.symbol not in reached:
             larger = reached | set().union(*(moved[s] & set(moved) for s in reached))
@@ -348,9 +348,9 @@ def relative_degrees(found: Structure, t: Quantity) -> tuple[int, ...]:
     return tuple(degrees)
 
 
-def inputs_at_rest(found: Structure) -> tuple[sp.Expr, ...]:
+def inputs_at_rest(constraint: Structure) -> tuple[sp.Expr, ...]:
     """The inputs that hold the system at an equilibrium against its drift."""
-    return tuple(found.speeds(-sp.Matrix(found.drift)))
+    return tuple(constraint.speeds(-sp.Matrix(constraint.drift)))
 
 
 def constraint(system: System) -> tuple[tuple[Quantity, ...], sp.Matrix, tuple[sp.Expr, ...]]:
@@ -391,8 +391,8 @@ def _check_names(system: System) -> None:
 
 def _check_symbols(system: System, matrix: sp.Matrix, coordinates: tuple[Quantity, ...]) -> None:
     """Refuse an A that is not a smooth function of the coordinates only."""
-    known = {q.symbol for q in (*coordinates, *system.parameters)}
-    odd = sorted(str(s) for s in matrix.free_symbols - known)
+    allowed = {q.symbol for q in (*coordinates, *system.parameters)}
+    odd = sorted(str(s) for s in matrix.free_symbols - allowed)
     if odd:
         raise DefinitionError(
             f"system '{system.name}': A depends on '{odd[0]}'",
@@ -436,18 +436,18 @@ def _moment(
     here: sp.Matrix,
     leaf: tuple[Quantity, ...],
     admissible: tuple[sp.ImmutableMatrix, ...],
-    given: Sequence[float] | None,
+    moment: Sequence[float] | None,
 ) -> tuple[sp.Expr, ...]:
-    if given is None:
+    if moment is None:
         return tuple(admissible[0])
     names = ", ".join(q.name for q in leaf)
-    listed = list(given) if isinstance(given, (list, tuple)) else []
+    listed = list(moment) if isinstance(moment, (list, tuple)) else []
     if len(listed) != len(leaf):
         raise DefinitionError(
-            f"the moment p = {given!r} has {len(listed)} components",
+            f"the moment p = {moment!r} has {len(listed)} components",
             expected=f"{len(leaf)}, one for each of {names}",
         )
-    p = tuple(sp.nsimplify(given_number(v, "the moment p", given)) for v in listed)
+    p = tuple(sp.nsimplify(given_number(v, "the moment p", moment)) for v in listed)
     if all(value == 0 for value in p):
         raise DefinitionError("the moment p is zero", expected="a direction")
     values = {q.symbol: sp.nsimplify(q.value) for q in system.parameters}
@@ -481,12 +481,12 @@ def _motions(
     drift = tuple(
         sp.S.Zero if sampler.vanishes(e) else e for e in rates.subs(dict.fromkeys(driven, 0))
     )
-    known = {q.symbol for q in (*coordinates, *system.parameters)}
-    if any(g.free_symbols - known or g.has(*KINKS) for g in effect):
+    allowed = {q.symbol for q in (*coordinates, *system.parameters)}
+    if any(g.free_symbols - allowed or g.has(*KINKS) for g in effect):
         inputs = []  # they depend on more than the coordinates
     if len(inputs) == matrix.cols - matrix.rows:
-        own = tuple(map(sp.ImmutableMatrix, effect))
-        return own, tuple(inputs), drift
+        directions = tuple(map(sp.ImmutableMatrix, effect))
+        return directions, tuple(inputs), drift
     return kernel(system.name, coordinates, matrix, leaf, system.parameters), (), drift
 
 
@@ -515,25 +515,25 @@ class Alignment:
         return self.turns and self.regular
 
 
-def alignment(found: Structure) -> Alignment | str:
+def alignment(constraint: Structure) -> Alignment | str:
     """The pieces of the law, or a sentence that names the missing one."""
-    kappa, transverse = found.matrix.rows, found.transverse
-    if not found.catastatic:
-        shown = ", ".join(str(b) for b in found.rhs if b != 0)
+    kappa, transverse = constraint.matrix.rows, constraint.transverse
+    if not constraint.catastatic:
+        shown = ", ".join(str(b) for b in constraint.rhs if b != 0)
         return (
             f"the constraint is acatastatic: b = {shown} moves the system across F for any "
             "inputs; a separate condition has to make b vanish at the origin"
         )
-    if any(f != 0 for f in found.drift):
+    if any(f != 0 for f in constraint.drift):
         return "the system drifts with its inputs at zero"
     if not transverse:
         return (
             f"the system has no transverse state: {kappa} equation{'s' * (kappa > 1)} h = 0 "
-            f"for {len(found.directions)} inputs; which consistency errors to bring to zero first "
-            "is a choice that A does not make (for the nonholonomic integrator x3, then x2)"
+            f"for {len(constraint.directions)} inputs; which consistency errors to bring to zero "
+            "first is a choice that A does not make (for the nonholonomic integrator x3, then x2)"
         )
     deficient = [
-        i for i, h in enumerate(found.output) if not h.has(*(t.symbol for t in transverse))
+        i for i, h in enumerate(constraint.output) if not h.has(*(t.symbol for t in transverse))
     ]
     if deficient:
         numbers = ", ".join(f"h{i + 1}" for i in deficient)
@@ -542,19 +542,19 @@ def alignment(found: Structure) -> Alignment | str:
             f"relative-degree deficit: {numbers} {has} no transverse state, so no input turns "
             "the system along F as it stands; alignment h -> 0 along F is not available"
         )
-    if len(transverse) != kappa or len(found.leaf) != 2:
+    if len(transverse) != kappa or len(constraint.leaf) != 2:
         return (
-            f"{len(found.leaf)} leafwise and {len(transverse)} transverse states for {kappa} "
+            f"{len(constraint.leaf)} leafwise and {len(transverse)} transverse states for {kappa} "
             "constraints: the misalignment with F is not a single angle (needed: 2, 1 and 1)"
         )
-    g = signed_minors(found.leaf_matrix)
-    sampler = found.sampler()
-    at = sampler.origin(found.symbols)
-    along = sp.Add(*(p * e for p, e in zip(found.moment, g, strict=True)))
+    g = signed_minors(constraint.leaf_matrix)
+    sampler = constraint.sampler()
+    at = sampler.origin(constraint.symbols)
+    along = sp.Add(*(p * e for p, e in zip(constraint.moment, g, strict=True)))
     if not sampler.nonzero(along, at):
         return "the direction g(0) is normal to p, or not a number"
     g = sp.ImmutableMatrix(g * (1 if value_at(along, at) > 0 else -1))
-    f = found.field
+    f = constraint.field
     error = angle(g[0] * f[1] - g[1] * f[0], g[0] * f[0] + g[1] * f[1], UNSEEN)
     t = transverse[0]
     # the turn of g itself: s = angle(F) - angle(g), and F does not contain t
@@ -564,17 +564,20 @@ def alignment(found: Structure) -> Alignment | str:
         return f"{t.name} does not turn the direction g: dh/dt is singular"
     if not sampler.nonzero(slope, at):
         return f"{t.name} does not turn the direction g at the origin: dh/dt is singular there"
-    turned, regular = _range(found, g, slope)
+    turned, regular = _range(constraint, g, slope)
     return Alignment(g, error, slope, abs(turned) > 2 * math.pi - 0.1, regular)
 
 
-def _range(found: Structure, g: sp.Matrix, slope: sp.Expr) -> tuple[float, bool]:
+def _range(constraint: Structure, g: sp.Matrix, slope: sp.Expr) -> tuple[float, bool]:
     """The angle by which g turns over the range of the transverse state, at x = 0, and whether
     ds/dt keeps its sign on the way, there and at a few other x."""
-    t, sampler = found.transverse[0], found.sampler()
+    t, sampler = constraint.transverse[0], constraint.sampler()
     reach = [math.pi * i / 90 for i in range(-90, 91)] if t.angle else _wide()
-    points = [sampler.origin(found.symbols), *(sampler.point(found.symbols, i) for i in (0, 1))]
-    points = points if slope.free_symbols & {q.symbol for q in found.leaf} else points[:1]
+    points = [
+        sampler.origin(constraint.symbols),
+        *(sampler.point(constraint.symbols, i) for i in (0, 1)),
+    ]
+    points = points if slope.free_symbols & {q.symbol for q in constraint.leaf} else points[:1]
     angles: list[float] = []
     slopes: list[float] = []
     for number, place in enumerate(points):
@@ -593,10 +596,10 @@ def _wide() -> list[float]:
     return [-v for v in reversed(grid)] + [0.0, *grid]
 
 
-def law_outputs(system: System, found: Structure, pieces: Alignment) -> dict[str, sp.Expr]:
+def law_outputs(system: System, constraint: Structure, pieces: Alignment) -> dict[str, sp.Expr]:
     """The inputs of `system`, from the speed along g and the rate of the transverse state."""
-    g, t = pieces.direction, found.transverse[0]
-    x = [q.symbol for q in found.leaf]
+    g, t = pieces.direction, constraint.transverse[0]
+    x = [q.symbol for q in constraint.leaf]
     rho = length(x[0], x[1], UNSEEN)
     along = sp.Add(*(a * b for a, b in zip(g, x, strict=True)))
     size = sp.sqrt(sp.trigsimp(g[0] ** 2 + g[1] ** 2))
@@ -608,20 +611,20 @@ def law_outputs(system: System, found: Structure, pieces: Alignment) -> dict[str
         SPEED: select(outside, forward, sp.S.Zero),
         SIDE: select(outside, turn, -symbol("k") * (wrap(t.symbol) if t.angle else t.symbol)),
     }
-    return {name: e.subs(chosen) for name, e in own_inputs(system, found, pieces).items()}
+    return {name: e.subs(chosen) for name, e in own_inputs(system, constraint, pieces).items()}
 
 
-def own_inputs(system: System, found: Structure, pieces: Alignment) -> dict[str, sp.Expr]:
+def own_inputs(system: System, constraint: Structure, pieces: Alignment) -> dict[str, sp.Expr]:
     """The inputs of `system` for the motions `SPEED` along g and `SIDE` of the transverse state."""
-    if not found.kinematic:
+    if not constraint.kinematic:
         raise DefinitionError(
             f"the inputs of system '{system.name}' do not move its coordinates directly",
             remedy="use velocities as inputs (promote), and track them (track_velocity)",
         )
-    rates = {found.transverse[0].name: SIDE}
-    rates |= {q.name: e * SPEED for q, e in zip(found.leaf, pieces.direction, strict=True)}
-    solved = found.speeds(sp.Matrix([rates[q.name] for q in found.coordinates]))
+    rates = {constraint.transverse[0].name: SIDE}
+    rates |= {q.name: e * SPEED for q, e in zip(constraint.leaf, pieces.direction, strict=True)}
+    solved = constraint.speeds(sp.Matrix([rates[q.name] for q in constraint.coordinates]))
     return {
         u.name: sp.Add(*(sp.simplify(sp.expand(e).coeff(m)) * m for m in (SPEED, SIDE)))
-        for u, e in zip(found.inputs, solved, strict=True)
+        for u, e in zip(constraint.inputs, solved, strict=True)
     }

@@ -280,7 +280,7 @@ def _slopes(
     x, y = symbols
     total = sp.Poly(form, x, y).total_degree()
     poly = sp.Poly(sp.expand(form.subs({x: 1, y: _T}, simultaneous=True)), _T)
-    found = [(sp.S.Zero, sp.S.One)] if poly.degree() < total else []
+    directions = [(sp.S.Zero, sp.S.One)] if poly.degree() < total else []
     if poly.degree() > 0:
         coefficients = [sp.factor(sp.radsimp(sp.cancel(c / poly.LC()))) for c in poly.all_coeffs()]
         monic = sp.Poly(coefficients, _T, extension=True)
@@ -290,8 +290,8 @@ def _slopes(
             roots = dict(monic.sqf_part().real_roots(multiple=False))
         except (NotImplementedError, sp.polys.polyerrors.PolynomialError):
             raise _refusal(field, "its directions are not algebraic numbers") from None
-        found += [(sp.S.One, root) for root in roots]
-    return found + [(-a, -b) for a, b in found]
+        directions += [(sp.S.One, root) for root in roots]
+    return directions + [(-a, -b) for a, b in directions]
 
 
 def _angle(direction: tuple[sp.Expr, sp.Expr]) -> sp.Expr:
@@ -380,13 +380,13 @@ def frame(field: Field, direction: Sequence[object] | None = None) -> tuple[Vect
         else:  # a quarter turn in the plane of the first two coordinates
             e[0], e[1] = -p[1], p[0]
     else:
-        given = [sp.nsimplify(c, rational=sp.sympify(c).has(sp.Float)) for c in direction]
-        if len(given) != field.dimension:
+        exact = [sp.nsimplify(c, rational=sp.sympify(c).has(sp.Float)) for c in direction]
+        if len(exact) != field.dimension:
             raise DefinitionError(
-                f"direction of dimension {len(given)}", expected=f"{field.dimension}"
+                f"direction of dimension {len(exact)}", expected=f"{field.dimension}"
             )
-        share = dot(given, p) / length**2
-        e = [sp.radsimp(sp.expand(g - share * b)) for g, b in zip(given, p, strict=True)]
+        share = dot(exact, p) / length**2
+        e = [sp.radsimp(sp.expand(g - share * b)) for g, b in zip(exact, p, strict=True)]
         if all(c == 0 for c in e):
             raise DefinitionError("the direction is parallel to the moment, or zero")
     across = sp.sqrt(sp.expand(dot(e, e)))

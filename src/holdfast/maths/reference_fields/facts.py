@@ -81,15 +81,15 @@ def critical_points(
         return _symmetric_zeros(field, box)
     planar = meridian(field) if field.moment else field
     at_values = [c.xreplace(planar.values) for c in planar.components]
-    found: list[Vector] | None
+    zeros: list[Vector] | None
     exact, method = True, "exact, by resultants of the polynomial components"
     if all(c.is_polynomial(*planar.symbols) for c in at_values):
-        found = _by_resultants(field.name, at_values, planar.symbols)
+        zeros = _by_resultants(field.name, at_values, planar.symbols)
     else:
-        found = _on_lines(at_values, planar.symbols)
+        zeros = _on_lines(at_values, planar.symbols)
         method = "exact, by monotony along the lines where one component vanishes"
-    if found is None:
-        found = [tuple(sp.Float(v) for v in point) for point in _by_newton(field, box)]
+    if zeros is None:
+        zeros = [tuple(sp.Float(v) for v in point) for point in _by_newton(field, box)]
         intervals = " x ".join(f"[{a:g}, {b:g}]" for a, b in box)
         exact = False
         method = (
@@ -98,12 +98,12 @@ def critical_points(
         )
     elif field.moment:
         p, e = frame(field)
-        found = [
+        zeros = [
             tuple(sp.radsimp(sp.expand(c * a + s * b)) for a, b in zip(p, e, strict=True))
-            for c, s in found
+            for c, s in zeros
         ]
-    found.sort(key=lambda point: [float(sp.N(c)) for c in point])
-    return Zeros(tuple(found), exact, method, tuple(_classified(field, z) for z in found))
+    zeros.sort(key=lambda point: [float(sp.N(c)) for c in point])
+    return Zeros(tuple(zeros), exact, method, tuple(_classified(field, z) for z in zeros))
 
 
 def _classified(field: Field, point: Vector) -> CriticalPoint | None:
@@ -147,13 +147,13 @@ def _by_resultants(
             remedy="move a common positive factor into `factor`",
         )
     candidates = []
-    for kept, gone in ((x, y), (y, x)):
-        eliminant = sp.Poly(sp.expand(sp.resultant(f, g, gone)), kept)
+    for variable, gone in ((x, y), (y, x)):
+        eliminant = sp.Poly(sp.expand(sp.resultant(f, g, gone)), variable)
         if eliminant.is_zero:  # a common factor that the gcd over irrational numbers missed
             return None
         if eliminant.degree() < 1:
             return []
-        monic = sp.Poly([sp.radsimp(c / eliminant.LC()) for c in eliminant.all_coeffs()], kept)
+        monic = sp.Poly([sp.radsimp(c / eliminant.LC()) for c in eliminant.all_coeffs()], variable)
         if not (monic.domain.is_QQ or monic.domain.is_ZZ):
             return None
         candidates.append(list(dict(monic.sqf_part().real_roots(multiple=False))))
@@ -176,8 +176,8 @@ def _on_lines(components: Sequence[sp.Expr], symbols: tuple[sp.Symbol, ...]) -> 
     if not set(factors) <= {x, y}:
         return None
     for gone in factors:
-        kept = y if gone == x else x
-        if not _only_at_zero(other.subs(gone, 0), kept):
+        variable = y if gone == x else x
+        if not _only_at_zero(other.subs(gone, 0), variable):
             return None
     return [(sp.S.Zero, sp.S.Zero)]
 

@@ -64,10 +64,10 @@ def flow_lines_figure(field: Field, *, reach: float = 1.0, planes: int = 4) -> F
         axis.set_ylim(-reach, reach)
         axis.set_aspect("equal")
         loops = loop_exponent(inside) is not None
-        found = critical_points(inside, ((-reach, reach), (-reach, reach)))
-        known = [c for c in found.critical_points if c is not None]
-        radius = 2 * reach if loops and len(known) == 1 else _LOCAL * reach
-        entries: list[Line2D | Patch] = _draw_sectors(axis, known, radius)
+        zeros = critical_points(inside, ((-reach, reach), (-reach, reach)))
+        classified = [c for c in zeros.critical_points if c is not None]
+        radius = 2 * reach if loops and len(classified) == 1 else _LOCAL * reach
+        entries: list[Line2D | Patch] = _draw_sectors(axis, classified, radius)
         if loops:
             _draw_loops(axis, inside, reach)
         else:
@@ -75,16 +75,16 @@ def flow_lines_figure(field: Field, *, reach: float = 1.0, planes: int = 4) -> F
         if inside.potential is not None:
             entries.append(_draw_potential(axis, inside, reach))
         entries.insert(0, Line2D([], [], color=style.BLUE, label="flow line"))
-        entries += _draw_zeros(axis, found.points)
+        entries += _draw_zeros(axis, zeros.points)
         if inside.moment:
             entries.append(_draw_moment(axis, frame(inside)[0], 0.25 * reach))
         for axis_name, q in zip(("x", "y"), inside.coordinates, strict=True):
             axis.set(**{f"{axis_name}label": style.axis_label(q.name, q.unit)})
-        counted = Counter(critical_point_name(c) for c in known)
+        counted = Counter(critical_point_name(c) for c in classified)
         names = [f"{n} times {name}" if n > 1 else name for name, n in counted.items()]
         title = _title(field)
         title += f"\n{caption}{'; '.join(names)}" if names else ""
-        title += f" ({known[0].validity})" if known and known[0].validity else ""
+        title += f" ({classified[0].validity})" if classified and classified[0].validity else ""
         axis.set_title(title.replace("lam", "λ"))
         figure.legend(handles=entries, loc="outside lower center", ncols=4)
     return figure

@@ -87,11 +87,11 @@ def constraints_figure(result: Result, run: int = 0) -> Figure:
             rows, 2, figsize=(style.WIDTH, 1.7 * rows + 0.7), sharex=True, layout="constrained"
         )
         flat = list(np.atleast_1d(axes).flat)
-        known: dict[str, Line2D] = {}
+        lines: dict[str, Line2D] = {}
         for axis, (kind, members) in zip(flat, kinds.items(), strict=False):
             for i, of in members:
                 label, drawn = _line_of(of, robots)
-                known.setdefault(label, axis.plot(time, values[:, i], **drawn)[0])
+                lines.setdefault(label, axis.plot(time, values[:, i], **drawn)[0])
             axis.axhline(0.0, color=style.BLACK, linewidth=0.6)
             axis.set_title(TITLES.get(kind, kind), loc="left", fontsize=8, pad=3)
             axis.set_ylabel(f"[{units[members[0][0]]}]")
@@ -101,9 +101,9 @@ def constraints_figure(result: Result, run: int = 0) -> Figure:
         for axis in flat[max(len(kinds) - 2, 0) : len(kinds)]:
             axis.set_xlabel("time [s]")
             axis.tick_params(labelbottom=True)
-        shown = sorted(known, key=lambda n: (n == OTHERS, n != "leader", n))
+        shown = sorted(lines, key=lambda n: (n == OTHERS, n != "leader", n))
         figure.legend(
-            handles=[known[n] for n in shown], labels=shown, loc="outside lower center",
+            handles=[lines[n] for n in shown], labels=shown, loc="outside lower center",
             ncols=min(6, len(shown)),
         )  # fmt: skip
         figure.suptitle("constraints, safe below 0", fontsize=9)
@@ -193,13 +193,13 @@ def robots_of(result: Result, run: int) -> dict[str, Array]:
     names = [str(n) for n in data["state_name"].values]
     states = data["state"].values[run]
     states = states[np.isfinite(states).all(axis=1)]
-    found = {}
+    paths = {}
     for name in names:
         if name.startswith("theta"):
             of = name.removeprefix("theta")
             columns = [names.index(f"{n}{of}") for n in ("x", "y", "theta")]
-            found["leader" if of == "L" else f"follower {of}"] = states[:, columns]
-    return found
+            paths["leader" if of == "L" else f"follower {of}"] = states[:, columns]
+    return paths
 
 
 def _map(ground: Ground, result: Result, scale: float = 1.0) -> tuple[Figure, Axes]:

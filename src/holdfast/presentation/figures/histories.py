@@ -53,14 +53,14 @@ def panels(result: Result, run: int) -> list[Panel]:
     data = result.arrays
     states = _near_zero(data["state"].values[run], data["state_is_angle"].values)
     names = [style.label(str(n)) for n in data["state_name"].values]
-    found = _by_unit("state", _units(data, "state"), names, states)
-    found += _fed(data, run)
+    all_panels = _by_unit("state", _units(data, "state"), names, states)
+    all_panels += _fed(data, run)
     if data.sizes["constraint_name"]:
         labels = [str(n).replace("_", " ") for n in data["constraint_name"].values]
         values, title = data["constraint"].values[run], "constraints (safe below 0)"
         limited = _by_unit(title, _units(data, "constraint"), labels, values)
-        found += [replace(panel, levels={"": 0.0}) for panel in limited]
-    return found + _signals(result, run)
+        all_panels += [replace(panel, levels={"": 0.0}) for panel in limited]
+    return all_panels + _signals(result, run)
 
 
 def _fed(data: NamedArrays, run: int) -> list[Panel]:
@@ -97,10 +97,10 @@ def _signals(result: Result, run: int) -> list[Panel]:
     data = result.arrays
     names = [str(n) for n in data["signal_name"].values]
     values = data["signal"].values[run]
-    known = "signal_unit" in data
-    units = _units(data, "signal") if known else ["1"] * len(names)
+    has_units = "signal_unit" in data
+    units = _units(data, "signal") if has_units else ["1"] * len(names)
     value = str(data["signal"].attrs.get("value_of_kernel", ""))
-    found = []
+    leading = []
     for title, chosen in (
         ("switching signals", [i for i, n in enumerate(names) if n.startswith("sigma")]),
         ("value of the kernel (kept above 0)", [i for i, n in enumerate(names) if n == value]),
@@ -112,10 +112,10 @@ def _signals(result: Result, run: int) -> list[Panel]:
         if levels and margin:
             levels["margin"] = margin
         labels = ["$V$"] if levels else [_signal_label(names[i]) for i in chosen]
-        found.append(Panel(title, units[chosen[0]], labels, values[:, chosen], levels=levels))
+        leading.append(Panel(title, units[chosen[0]], labels, values[:, chosen], levels=levels))
     rest = [i for i, n in enumerate(names) if not n.startswith("sigma") and n != value]
     labels = [names[i].replace("_", " ") for i in rest]
-    return found + _by_unit("signals", [units[i] for i in rest], labels, values[:, rest])
+    return leading + _by_unit("signals", [units[i] for i in rest], labels, values[:, rest])
 
 
 def _near_zero(states: Array, angles: npt.NDArray[np.int8]) -> Array:
@@ -205,7 +205,7 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
             last.tick_params(labelbottom=True)
         modes = shades if len(shades) > 1 else []
         if modes or marks:
-            titles = [t for t, found in (("mode", modes), ("safeguard", marks)) if found]
+            titles = [t for t, entries in (("mode", modes), ("safeguard", marks)) if entries]
             figure.legend(
                 handles=[*modes, *marks],
                 loc="outside lower center",
@@ -258,8 +258,8 @@ def _limit(axis: Axes, panel: Panel) -> None:
     applied = panel.values[np.isfinite(panel.values)]
     ends = [float(applied.min()), float(applied.max())] if applied.size else [0.0, 0.0]
     pairs = [] if panel.limits is None else [(float(a), float(b)) for a, b in panel.limits]
-    known = [v for v in dict.fromkeys(v for pair in pairs for v in pair) if np.isfinite(v)]
-    for k, level in enumerate(known):
+    levels = [v for v in dict.fromkeys(v for pair in pairs for v in pair) if np.isfinite(v)]
+    for k, level in enumerate(levels):
         axis.axhline(
             level,
             color=style.BLACK,
@@ -268,7 +268,7 @@ def _limit(axis: Axes, panel: Panel) -> None:
             label=_limits_label(pairs) if k == 0 else "_limit",
         )
     reach = max(abs(v) for v in ends)
-    ends += [v for v in known if reach >= NEAR * abs(v)]
+    ends += [v for v in levels if reach >= NEAR * abs(v)]
     size = max(ends) - min(ends) or 1.0
     axis.set_ylim(min(ends) - 0.15 * size, max(ends) + 0.15 * size)
 
@@ -285,7 +285,7 @@ def _limits_label(pairs: Iterable[tuple[float, float]]) -> str:
 def _mark(axis: Axes, time: Array, answers: npt.NDArray[np.int8]) -> list[Patch]:
     """Bars at the bottom of the panel, at the samples at which the safety filter intervened."""
     step = time[1] - time[0] if len(time) > 1 else 1.0
-    found = []
+    patches = []
     for answer, (colour, height) in MARKS.items():
         at = np.flatnonzero(answers == answer)
         if not at.size:
@@ -301,8 +301,8 @@ def _mark(axis: Axes, time: Array, answers: npt.NDArray[np.int8]) -> list[Patch]
             linewidth=0,
             zorder=3,
         )
-        found.append(Patch(color=colour, label=answer.label))
-    return found
+        patches.append(Patch(color=colour, label=answer.label))
+    return patches
 
 
 def _settled(time: Array, states: Array) -> float:

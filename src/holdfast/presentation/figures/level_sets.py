@@ -76,17 +76,17 @@ def curve(value: ValueFunction, time: float | None = None) -> tuple[Array, Array
 def times(value: ValueFunction) -> list[float]:
     """The times [s] of a value function to draw, if it has several: at most `MOST`."""
     data = value.dataset["value"]
-    found = [float(t) for t in data["time"].values] if "time" in data.dims else []
-    if len(found) < 2:
+    seconds = [float(t) for t in data["time"].values] if "time" in data.dims else []
+    if len(seconds) < 2:
         return []
-    apart = -(-len(found) // MOST)
-    return found[::-1][::apart][::-1]  # the last one among them
+    apart = -(-len(seconds) // MOST)
+    return seconds[::-1][::apart][::-1]  # the last one among them
 
 
 def time_colours(value: ValueFunction) -> dict[float, Any]:
     """A colour for every time, from dark to light."""
-    found = times(value)
-    return dict(zip(found, colormaps["viridis"](np.linspace(0, 0.88, len(found))), strict=True))
+    seconds = times(value)
+    return dict(zip(seconds, colormaps["viridis"](np.linspace(0, 0.88, len(seconds))), strict=True))
 
 
 def draw_zero(axis: Axes, x: Array, y: Array, values: Array, **drawn: Any) -> None:
@@ -173,13 +173,13 @@ def entries(
     value: ValueFunction, alone: Artist, others: Mapping[str, ValueFunction]
 ) -> list[Artist]:
     """The legend of the set, `alone` or at its times if it is not empty, and of those compared."""
-    found: list[Artist] = [
+    handles: list[Artist] = [
         Line2D([], [], color=colour, linewidth=1.4, label=f"{time:g} s")
         for time, colour in time_colours(value).items()
     ]
     for name, (colour, dashes) in zip(others, cycle(DASHES), strict=False):
-        found.append(Line2D([], [], color=colour, linestyle=dashes, label=name))
-    return [alone, *found] if not times(value) and (value.values() > 0).any() else found
+        handles.append(Line2D([], [], color=colour, linestyle=dashes, label=name))
+    return [alone, *handles] if not times(value) and (value.values() > 0).any() else handles
 
 
 def set_up(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> None:
@@ -221,9 +221,9 @@ def add_bar(axis: Axes, filled: ContourSet, label: str) -> None:
     axis.figure.colorbar(filled, cax=place, label=label)
 
 
-def add_legend(figure: Figure, found: list[Artist]) -> None:
+def add_legend(figure: Figure, handles: list[Artist]) -> None:
     """One legend below, every label once, in as many columns as fit."""
-    once = {str(h.get_label()): h for h in found}
+    once = {str(h.get_label()): h for h in handles}
     if not once:
         return
     widest = 0.6 + 0.055 * max(len(label) for label in once)  # inches

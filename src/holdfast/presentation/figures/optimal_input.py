@@ -95,7 +95,7 @@ def optimal_input_figure(
         figure.suptitle(
             told(value) + ("\n" + where(value, view.held) if view.held else ""), fontsize=9
         )
-        found: list[Artist] = [
+        handles: list[Artist] = [
             Patch(color=POSITIVE, label="≥ 0"),
             Patch(color=NEGATIVE, label="< 0"),
             Line2D([], [], color=style.BLUE, linewidth=1.8, label="edge of the set"),
@@ -104,8 +104,8 @@ def optimal_input_figure(
                 label=f"displacement in {seconds:g} s",
             ),
         ]  # fmt: skip
-        found += level_sets.entries(flat, found[2], others)
-        level_sets.add_legend(figure, found + labelled(panels[0, 0]))
+        handles += level_sets.entries(flat, handles[2], others)
+        level_sets.add_legend(figure, handles + labelled(panels[0, 0]))
     return figure
 
 
@@ -114,15 +114,15 @@ def _table(value: ValueFunction, plane: tuple[str, str], what: str, array: npt.A
     counts = {a.name: a.count for a in value.grid.axes}
     shape = tuple(counts[n] for n in plane)
     try:
-        found = np.asarray(array, dtype=np.float64)
+        table = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError):
         raise OutputError(f"'{what}' is {array!r}", expected="an array of numbers") from None
-    if found.shape != shape:
+    if table.shape != shape:
         raise OutputError(
-            f"'{what}' has the shape {found.shape}",
+            f"'{what}' has the shape {table.shape}",
             expected=f"{shape}, the nodes of ({', '.join(plane)})",
         )
-    return level_sets.on_mesh(value, plane, found if value.names == plane else found.T)
+    return level_sets.on_mesh(value, plane, table if value.names == plane else table.T)
 
 
 def _draw_sign(axis: Axes, value: ValueFunction, plane: tuple[str, str], table: Array) -> None:

@@ -41,12 +41,14 @@ def regulation_map_figure(found: RegulationMap) -> Figure:
         figure, axis = plt.subplots(figsize=(0.6 * style.WIDTH, 3.6), layout="constrained")
         axis.add_patch(Polygon(everything, facecolor="none", edgecolor=style.GREY, linestyle="--"))
         axis.plot([], [], color=style.GREY, linestyle="--", label="bounds of the inputs")
-        kept = found.vertices
-        if len(kept) > 2:
-            axis.add_patch(Polygon(kept, facecolor=style.GREEN, alpha=0.25, edgecolor="none"))
+        corners = found.vertices
+        if len(corners) > 2:
+            axis.add_patch(Polygon(corners, facecolor=style.GREEN, alpha=0.25, edgecolor="none"))
             axis.plot([], [], color=style.GREEN, alpha=0.4, linewidth=6, label="regulation map")
-        elif len(kept):
-            axis.plot(*kept.T, color=style.GREEN, marker="o", linewidth=3, label="regulation map")
+        elif len(corners):
+            axis.plot(
+                *corners.T, color=style.GREEN, marker="o", linewidth=3, label="regulation map"
+            )
         for j, name in enumerate(found.conditions):
             # in units of the figure, so that arrows stand upright on their edges
             normal, offset = found.normals[j] * span, found.offsets[j] - found.normals[j] @ low
@@ -61,7 +63,7 @@ def regulation_map_figure(found: RegulationMap) -> Figure:
             tip = middle - 0.1 * normal / size
             arrow = {"arrowstyle": "-|>", "color": colour}
             axis.annotate("", tip * span + low, middle * span + low, arrowprops=arrow)
-        if not len(kept):
+        if not len(corners):
             reason = ", ".join(found.hopeless) or "no admissible input"
             axis.set_title(f"empty: {reason.replace('_', ' ')}")
         axis.set_xlim(low[0] - pad[0], high[0] + pad[0])

@@ -113,8 +113,8 @@ def brightness(faces: Array, span: Array) -> Array:
     normal = np.cross(one, two)
     size = np.linalg.norm(normal, axis=1)
     size[size == 0.0] = 1.0
-    found: Array = DARK + (1 - DARK) * np.abs(normal @ _LIGHT) / size
-    return found
+    shade: Array = DARK + (1 - DARK) * np.abs(normal @ _LIGHT) / size
+    return shade
 
 
 def zero_surface(nodes: list[Array], values: npt.NDArray[np.float64]) -> Array:
@@ -125,7 +125,7 @@ def zero_surface(nodes: list[Array], values: npt.NDArray[np.float64]) -> Array:
     """
     table = np.pad(values, 1, constant_values=_OUTSIDE)
     places = np.stack(np.meshgrid(*(np.pad(n, 1, "edge") for n in nodes), indexing="ij"), axis=-1)
-    found = [np.empty((0, 3, 3))]
+    triangles = [np.empty((0, 3, 3))]
     for order in permutations(range(3)):
         corners = np.cumsum([np.zeros(3, dtype=int), *np.eye(3, dtype=int)[list(order)]], axis=0)
         cuts = [
@@ -145,8 +145,8 @@ def zero_surface(nodes: list[Array], values: npt.NDArray[np.float64]) -> Array:
             shares = [(w[:, a] / (w[:, a] - w[:, b]))[:, None] for a, b in edges]
             ends = zip(edges, shares, strict=True)
             cut = [q[:, a] + s * (q[:, b] - q[:, a]) for (a, b), s in ends]
-            found.append(np.stack(cut, axis=1))
-    return np.concatenate(found)
+            triangles.append(np.stack(cut, axis=1))
+    return np.concatenate(triangles)
 
 
 _TRIANGLES = (

@@ -53,8 +53,8 @@ def look_at(
     for name in at:
         if name not in value.names:
             raise OutputError(f"'{name}' is not a state", remedy=suggestion(name, value.names))
-    given = {n: float(v) for n, v in at.items() if not isinstance(v, Sequence | np.ndarray)}
-    several = {n: [float(x) for x in v] for n, v in at.items() if n not in given}  # type: ignore[union-attr]
+    fixed = {n: float(v) for n, v in at.items() if not isinstance(v, Sequence | np.ndarray)}
+    several = {n: [float(x) for x in v] for n, v in at.items() if n not in fixed}  # type: ignore[union-attr]
     free = [n for n in value.names if n not in at]
     if not free or len(several) > 1 or (len(free) == 1 and several):
         raise OutputError(
@@ -69,11 +69,11 @@ def look_at(
     rest = [n for n in free if n not in drawn]
     along = next(iter([*several, *rest]), "")
     usual = {a.name: _usual(a.low, a.high) for a in value.grid.axes if a.name in rest}
-    held = {n: v for n, v in (given | usual).items() if n != along}
+    held = {n: v for n, v in (fixed | usual).items() if n != along}
     values = several.get(along) or (
         _across(along, [v.slice(**held) for v in (value, *others)]) if along else []
     )
-    return View(drawn, held, given, along, tuple(values))
+    return View(drawn, held, fixed, along, tuple(values))
 
 
 def check_same_states(value: ValueFunction, others: Mapping[str, ValueFunction]) -> None:
@@ -97,8 +97,8 @@ def _across(name: str, values: Sequence[ValueFunction]) -> list[float]:
     for value in values:
         shadow = value.projection(name)
         data = shadow.dataset["value"]
-        found = (data.max("time") if "time" in data.dims else data).values > 0
-        inside.append(shadow.grid.axes[0].nodes[found])
+        in_set = (data.max("time") if "time" in data.dims else data).values > 0
+        inside.append(shadow.grid.axes[0].nodes[in_set])
     places = np.concatenate(inside[1:] if sum(map(len, inside[1:])) else inside)
     first, last = (int(np.abs(axis.nodes - x).argmin()) for x in (places.min(), places.max()))
     wanted = np.linspace(first, last, SLICES + 2)[1:-1]
@@ -235,8 +235,8 @@ def _plane(
     draw_fixed(axis, scene, parameters)
     level_sets.set_up(axis, flat, plane)
     figure.suptitle(_title(value, view.held), fontsize=9)
-    found = level_sets.entries(flat, alone, others)
-    level_sets.add_legend(figure, found + labelled(axis))
+    entries = level_sets.entries(flat, alone, others)
+    level_sets.add_legend(figure, entries + labelled(axis))
     return figure
 
 
@@ -286,8 +286,8 @@ def _slices(
     for axis in panels[count:]:
         axis.set_visible(False)
     figure.suptitle(_title(value, view.held), fontsize=9)
-    found = level_sets.entries(value, level_sets.in_set(label), others)
-    level_sets.add_legend(figure, found + labelled(panels[0]))
+    entries = level_sets.entries(value, level_sets.in_set(label), others)
+    level_sets.add_legend(figure, entries + labelled(panels[0]))
     return figure
 
 

@@ -96,9 +96,9 @@ def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | 
     shown: set[str] = set()
     for run, path in zip(chosen, paths, strict=True):
         outcome = Outcome(int(outcomes[run]))
-        own = {"width": 1.3, "color": style.OUTCOMES[outcome]}
+        line = {"width": 1.3, "color": style.OUTCOMES[outcome]}
         traces.append(
-            _path(f"run {run}", path, data["time"].values, frame, outcome.label, own)
+            _path(f"run {run}", path, data["time"].values, frame, outcome.label, line)
             | {"showlegend": outcome.label not in shown}
         )
         shown.add(outcome.label)
@@ -116,12 +116,12 @@ def robots_data(result: Result, ground: Ground, run: int = 0) -> dict[str, Any]:
     traces = [_line(cell, {"color": style.GREY, "dash": "dot", "width": 1}) for cell in cells]
     traces += _scene(result)
     for number, (name, path) in enumerate(robots.items()):
-        own = {
+        line = {
             "width": 2,
             "color": style.LINES[number % len(style.LINES)],
             "dash": DASHES[number % len(DASHES)],
         }
-        traces.append(_path(name, path, result.arrays["time"].values[:count], frame, name, own))
+        traces.append(_path(name, path, result.arrays["time"].values[:count], frame, name, line))
     goal = {"mode": "markers", "marker": {"symbol": "star", "size": 12, "color": style.PURPLE}}
     x, y = ground.goal
     traces.append({"type": "scatter", "x": [x], "y": [y], "name": "goal", **goal})
@@ -149,11 +149,11 @@ def _path(
     """One path by as few points as its look needs; what is NaN is left out."""
     finite = np.isfinite(path).all(axis=1)
     path, time = path[finite], time[finite]
-    kept = kept_points(frame.scaled(path), FINENESS)
-    x, y = path[kept].T
+    indices = kept_points(frame.scaled(path), FINENESS)
+    x, y = path[indices].T
     return {
         **_line(np.empty((0, 2)), line), "x": _short(x), "y": _short(y),
-        "customdata": _short(time[kept]), "name": group, "legendgroup": group,
+        "customdata": _short(time[indices]), "name": group, "legendgroup": group,
         "hovertemplate": f"{who}, %{{customdata}} s<br>(%{{x}}, %{{y}})<extra></extra>",
         "hoverinfo": "all", "showlegend": True,
     }  # fmt: skip
@@ -220,8 +220,8 @@ def _figure(traces: list[Any], **layout: Any) -> dict[str, Any]:
             "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
         },
     )
-    found: dict[str, Any] = json.loads(figure.to_json())
-    return found
+    tables: dict[str, Any] = json.loads(figure.to_json())
+    return tables
 
 
 def _title(name: str, unit: str) -> str:

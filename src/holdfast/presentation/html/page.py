@@ -41,9 +41,9 @@ def picture(path: Path) -> str:
     """The picture as a data URL, small enough for a page of many."""
     with Image.open(path) as image:
         image.thumbnail((WIDTH, 4 * WIDTH))
-        kept = BytesIO()
-        image.convert("RGB").save(kept, "WEBP", quality=QUALITY)
-    return "data:image/webp;base64," + base64.b64encode(kept.getvalue()).decode("ascii")
+        buffer = BytesIO()
+        image.convert("RGB").save(buffer, "WEBP", quality=QUALITY)
+    return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 SCRIPTS = (

@@ -23,42 +23,42 @@ from holdfast.arguments import checked
 from holdfast.presentation.figures import style
 
 
-def largest_text(found: LargestCertified, files: Sequence[Path] = ()) -> str:
+def largest_text(largest: LargestCertified, files: Sequence[Path] = ()) -> str:
     """One line for every trial, the limit, and what it means."""
-    unit = "" if found.unit == "1" else f" {found.unit}"
-    asked = "a cell" if found.share == 0 else f"{100 * found.share:g} % of the cells"
-    head = f"{found.name} [{found.unit}]"
+    unit = "" if largest.unit == "1" else f" {largest.unit}"
+    asked = "a cell" if largest.share == 0 else f"{100 * largest.share:g} % of the cells"
+    head = f"{largest.name} [{largest.unit}]"
     width = max(len(head), 10) + 2
-    lines = [found.title, "", f"  {found.key}: largest value for which {asked} in the region "
+    lines = [largest.title, "", f"  {largest.key}: largest value for which {asked} in the region "
              "is certified", ""]  # fmt: skip
     lines.append(f"    {head:<{width}}certified            seconds")
-    for t in found.trials:
+    for t in largest.trials:
         shown = f"{t.certified} of {t.inside}"
         enough = "" if t.answer is Answer.HELD else "  not enough"
         share = f"{100 * t.share:.1f} %"
         lines.append(f"    {t.value:<{width}.5g}{shown:<14}{share:>7}{t.wall_time:>7.1f}{enough}")
-    lines += ["", f"  the limit      {_limit(found, unit)}"]
-    if found.widens and found.low is not None:
+    lines += ["", f"  the limit      {_limit(largest, unit)}"]
+    if largest.widens and largest.low is not None:
         lines.append("  proved for     every smaller value as well: its bounds lie within these")
-    elif found.low is not None:
+    elif largest.low is not None:
         lines.append("  proved for     the values that were tried, each by itself")
     lines.append("  not certified  is not lost: other cells, inputs, coordinates may certify more")
-    if found.low is not None and files:
-        lines.append(f"  the file       is the certificate of {found.low:.6g}{unit}")
+    if largest.low is not None and files:
+        lines.append(f"  the file       is the certificate of {largest.low:.6g}{unit}")
     if files:
         lines += ["", f"  files in {files[0].parent}: " + ", ".join(f.name for f in files)]
-        if found.found is not None:
+        if largest.found is not None:
             lines.append(f"  check it: holdfast-check {shlex.quote(str(files[0]))}")
     return "\n".join(lines)
 
 
-def _limit(found: LargestCertified, unit: str) -> str:
-    low, high = found.low, found.high
+def _limit(largest: LargestCertified, unit: str) -> str:
+    low, high = largest.low, largest.high
     if low is None:
-        return f"none found: {found.trials[0].value:.4g}{unit} is not certified already"
+        return f"none found: {largest.trials[0].value:.4g}{unit} is not certified already"
     if high is None:
         return f"none found: all are certified up to {low:.4g}{unit}"
-    wide = "" if found.answered else f", wider than the tolerance {found.tolerance:.2g}{unit}"
+    wide = "" if largest.answered else f", wider than the tolerance {largest.tolerance:.2g}{unit}"
     return f"certified at {low:.4g}{unit}, not at {high:.4g}{unit}{wide}"
 
 
@@ -72,12 +72,12 @@ def certificate_figure(found: Certificate) -> Figure:
 
 
 @checked
-def outer_figure(found: OuterSet) -> Figure:
+def outer_figure(outer: OuterSet) -> Figure:
     """The cells that the set may touch over the first two states, in the middle of the others."""
-    marks = np.ones(found.cells.total)
-    marks[found.members] = 2
+    marks = np.ones(outer.cells.total)
+    marks[outer.members] = 2
     says = {2: "may be of the set", 1: "surely outside"}
-    return _cells_figure(found.cells, found.states, marks, says)
+    return _cells_figure(outer.cells, outer.states, marks, says)
 
 
 def _cells_figure(
@@ -116,76 +116,76 @@ def _shown(edges: Floats) -> tuple[float, float]:
     return float(edges[int(far[0])]), float(edges[len(wide) - int(far[-1])])
 
 
-def outer_text(found: OuterSet, files: Sequence[Path] = ()) -> str:
+def outer_text(outer: OuterSet, files: Sequence[Path] = ()) -> str:
     """How many cells the set may touch, how far they reach, and what is sure of the others."""
     ends = ", ".join(
         f"{n} {a:.4g} to {b:.4g} {unit}"
-        for (n, unit), (a, b) in zip(found.states, found.extent().values(), strict=True)
+        for (n, unit), (a, b) in zip(outer.states, outer.extent().values(), strict=True)
     )
     why = ["  it is not reached, or does not reach, for any input and disturbance."]
-    if found.kind.endswith("kernel"):
+    if outer.kind.endswith("kernel"):
         why = [
             "  it is outside of the region, or a disturbance, held, drives it out of that against",
             "  every input.",
         ]
     lines = [
-        f"outer set of a {found.kind.replace('-', ' ')}",
+        f"outer set of a {outer.kind.replace('-', ' ')}",
         "",
-        f"  may be of it   {len(found.members)} of {found.cells.total} cells "
-        f"({100 * len(found.members) / found.cells.total:.1f} %)",
-        f"  reaches        {ends if len(found.members) else 'nothing: the set is empty'}",
-        f"  cells          {' x '.join(map(str, found.cells.counts))}, "
-        f"enclosures over {found.hold:.4g} s",
+        f"  may be of it   {len(outer.members)} of {outer.cells.total} cells "
+        f"({100 * len(outer.members) / outer.cells.total:.1f} %)",
+        f"  reaches        {ends if len(outer.members) else 'nothing: the set is empty'}",
+        f"  cells          {' x '.join(map(str, outer.cells.counts))}, "
+        f"enclosures over {outer.hold:.4g} s",
         "",
         "  A state of no such cell is surely not of the set, if the model and the bounds hold:",
         *why,
     ]  # fmt: skip
     if files:
         lines += ["", f"  files in {files[0].parent}: {', '.join(f.name for f in files)}"]
-        if found.lost is not None:
+        if outer.lost is not None:
             lines.append(f"  check it: holdfast-check {files[0]}")
     return "\n".join(lines)
 
 
-def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
+def certificate_text(certificate: Certificate, files: Sequence[Path] = ()) -> str:
     """What is proved, of how many cells, and what is assumed."""
-    kept = found.kept
-    sizes = f", of up to {2**kept.depth} times that width, {len(kept.entries)} in all"
-    seconds = f"{(kept.holds or 0) * found.hold:g} s"
-    lasts = "for ever" if kept.holds is None else f"for {seconds}"
-    if found.target:
+    cells = certificate.kept
+    sizes = f", of up to {2**cells.depth} times that width, {len(cells.entries)} in all"
+    seconds = f"{(cells.holds or 0) * certificate.hold:g} s"
+    lasts = "for ever" if cells.holds is None else f"for {seconds}"
+    if certificate.target:
         lasts = f"to the target within {seconds}"
     lines = [
-        found.title,
+        certificate.title,
         "",
-        f"  certified      {len(kept.members)} of {kept.inside} cells in the region "
-        f"({_percent(kept.share)}), {lasts}",
-        _inputs(found),
-        f"  cells          {' x '.join(map(str, found.cells.counts))}"
-        f"{sizes if kept.depth else ''}, {kept.sweeps} sweeps",
+        f"  certified      {len(cells.members)} of {cells.inside} cells in the region "
+        f"({_percent(cells.share)}), {lasts}",
+        _inputs(certificate),
+        f"  cells          {' x '.join(map(str, certificate.cells.counts))}"
+        f"{sizes if cells.depth else ''}, {cells.sweeps} sweeps",
     ]
-    for name, unit in (*found.disturbances, *found.parameters):
-        low, high = found.ranges[name]
+    for name, unit in (*certificate.disturbances, *certificate.parameters):
+        low, high = certificate.ranges[name]
         if low < high:
             lines.append(f"  any {name:<10} from {low:.4g} to {high:.4g} {unit}")
-    for (name, unit), error in zip(found.states, found.sampling.errors, strict=True):
+    for (name, unit), error in zip(certificate.states, certificate.sampling.errors, strict=True):
         if error:
             lines.append(f"  measured       {name} to {error:.4g} {unit}")
-    if found.sampling.delay:
-        lines.append(f"  late           inputs, by up to {found.sampling.delay:g} s")
-    if len(kept.members):
-        whose = "the law" if found.sampling.law is not None else "an input of the certificate"
+    if certificate.sampling.delay:
+        lines.append(f"  late           inputs, by up to {certificate.sampling.delay:g} s")
+    if len(cells.members):
+        whose = "the law" if certificate.sampling.law is not None else "an input of the certificate"
         lines += [
             "",
             f"  From every state of these cells {whose}, held from sample to sample,",
             "  keeps every constraint at every instant, if the model and the bounds hold"
-            + (", until the" if found.target else "."),
-            *(["  target is reached."] if found.target else []),
+            + (", until the" if certificate.target else "."),
+            *(["  target is reached."] if certificate.target else []),
         ]
     if files:
         names = ", ".join(f.name for f in files)
         lines += ["", f"  files in {files[0].parent}: {names}"]
-        if len(kept.members):
+        if len(cells.members):
             lines.append(f"  check it: holdfast-check {files[0]}")
     return "\n".join(lines)
 
@@ -208,15 +208,15 @@ def _percent(share: float) -> str:
     return f"{100 * (share if share == 1 else min(share, 0.999)):.1f} %"
 
 
-def judgement_text(found: LawJudgement, files: list[Path]) -> str:
+def judgement_text(judgement: LawJudgement, files: list[Path]) -> str:
     """The verdict on a law, what is certified of it, and the trajectory that refutes it."""
     says = {
         "proved": "the law keeps the region from every cell that lies in it",
         "refuted": "a trajectory under the law surely leaves the region",
         "undecided": "of some cells in the region neither is known",
     }
-    lines = [f"{found.verdict}: {says[found.verdict]}", ""]
-    if (path := found.leaving) is not None:
+    lines = [f"{judgement.verdict}: {says[judgement.verdict]}", ""]
+    if (path := judgement.leaving) is not None:
         numbers = {**path.start, **path.held}
         lines += [
             f"  from {', '.join(f'{n} = {v:.4g}' for n, v in path.start.items())}"
@@ -225,9 +225,13 @@ def judgement_text(found: LawJudgement, files: list[Path]) -> str:
             f"  after {path.time[-1]:g} s {path.constraint} is violated by at least {path.by:.3g}",
             "",
         ]  # fmt: skip
-    return "\n".join([*lines, certificate_text(found.certificate, files)])
+    return "\n".join([*lines, certificate_text(judgement.certificate, files)])
 
 
-def _inputs(found: Certificate) -> str:
-    whose = f"{len(found.candidates)} tried" if found.sampling.law is None else "those of the law"
-    return f"  inputs         {whose}, each held for {found.hold:g} s"
+def _inputs(certificate: Certificate) -> str:
+    whose = (
+        f"{len(certificate.candidates)} tried"
+        if certificate.sampling.law is None
+        else "those of the law"
+    )
+    return f"  inputs         {whose}, each held for {certificate.hold:g} s"

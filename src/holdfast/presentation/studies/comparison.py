@@ -16,44 +16,44 @@ from holdfast.arguments import checked
 from holdfast.presentation.figures.style import LINES, WIDTH, look
 
 
-def comparison_text(found: Comparison) -> str:
+def comparison_text(comparison: Comparison) -> str:
     """A table for each case: rates at which each law keeps the region and reaches the goal."""
-    runs = len(found.trials[0].viable)
+    runs = len(comparison.trials[0].viable)
     lines = [
-        found.title,
+        comparison.title,
         "",
-        f"  of {runs} starts, the same for every law of a case; {found.horizon:g} s, seed "
-        f"{found.seed}",
+        f"  of {runs} starts, the same for every law of a case; {comparison.horizon:g} s, seed "
+        f"{comparison.seed}",
         "  viable: never leaves the region"
-        + ("; rescued: viable, and in the goal at the end;" if found.to_goal else ";"),
+        + ("; rescued: viable, and in the goal at the end;" if comparison.to_goal else ";"),
         f"  in brackets Wilson's interval at {CONFIDENCE:.0%}"
-        + ("; detour: path length over the shortest found" if found.to_goal else ""),
+        + ("; detour: path length over the shortest found" if comparison.to_goal else ""),
     ]
-    if found.references:
-        kept = "rescued" if found.to_goal else "viable"
+    if comparison.references:
+        outcome = "rescued" if comparison.to_goal else "viable"
         lines.append(
-            f"  inside kernel: {kept} of the starts inside a viability kernel;"
+            f"  inside kernel: {outcome} of the starts inside a viability kernel;"
             " outside kernel: viable of those outside"
         )
-    width = max(len(title) for title in found.laws.values()) + 2
-    for case, title in found.cases.items():
-        lines += ["", f"  {title}", *_judged(found, case)]
-        rows = [_row(found, law, case) for law in found.laws]
+    width = max(len(title) for title in comparison.laws.values()) + 2
+    for case, title in comparison.cases.items():
+        lines += ["", f"  {title}", *_judged(comparison, case)]
+        rows = [_row(comparison, law, case) for law in comparison.laws]
         wide = [max(map(len, (name, *(r[name] for r in rows)))) + 3 for name in rows[0]]
         lines.append("    " + " " * width + _columns(rows[0], wide))
-        for (law, name), row in zip(found.laws.items(), rows, strict=True):
-            remarks = ", ".join(_remarks(found.of(law, case)))
+        for (law, name), row in zip(comparison.laws.items(), rows, strict=True):
+            remarks = ", ".join(_remarks(comparison.of(law, case)))
             lines.append(f"    {name:<{width}}{_columns(row.values(), wide)}{remarks}")
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _judged(found: Comparison, case: str) -> list[str]:
+def _judged(comparison: Comparison, case: str) -> list[str]:
     """The kernel's verdict on the starts of a case, or the reason why it has none."""
-    if case in found.unjudged:
-        return [f"    no reference kernel: {found.unjudged[case]}"]
-    if case not in found.references:
+    if case in comparison.unjudged:
+        return [f"    no reference kernel: {comparison.unjudged[case]}"]
+    if case not in comparison.references:
         return []
-    r = found.references[case]
+    r = comparison.references[case]
     lasts = f"for {r.horizon:g} s" if isfinite(r.horizon) else "for ever"
     lines = [
         f"    kernel of {r.kernel}: {r.inside.sum()} starts inside ({lasts}), "
@@ -64,17 +64,17 @@ def _judged(found: Comparison, case: str) -> list[str]:
     return lines
 
 
-def _row(found: Comparison, law: str, case: str) -> dict[str, str]:
+def _row(comparison: Comparison, law: str, case: str) -> dict[str, str]:
     """The columns of a law in a case."""
-    t = found.of(law, case)
-    row = {"viable": _rate(found.viable(law, case))}
-    if found.to_goal:
-        row["rescued"] = _rate(found.rescued(law, case))
-    if case in found.references:
-        row["inside kernel"] = _rate(found.of_kernel(law, case))
-        row["outside kernel"] = _rate(found.of_given_up(law, case))
-    if found.to_goal:
-        detours = sorted(found.detours(law, case))
+    t = comparison.of(law, case)
+    row = {"viable": _rate(comparison.viable(law, case))}
+    if comparison.to_goal:
+        row["rescued"] = _rate(comparison.rescued(law, case))
+    if case in comparison.references:
+        row["inside kernel"] = _rate(comparison.of_kernel(law, case))
+        row["outside kernel"] = _rate(comparison.of_given_up(law, case))
+    if comparison.to_goal:
+        detours = sorted(comparison.detours(law, case))
         middle = len(detours) // 2
         row["detour"] = f"{detours[middle]:.2f}, {detours[-1]:.2f}" if detours else "-, -"
     row["switches"] = f"up to {t.switches[t.rescued].max()}" if t.rescued.any() else "-"
@@ -87,12 +87,12 @@ def _columns(cells: Iterable[str], wide: Sequence[int]) -> str:
 
 def _remarks(t: Trial) -> list[str]:
     counts = {"chattered": t.chattered, "diverged": t.diverged, "relaxed": t.relaxed}
-    told = [f"{count} {what}" for what, count in counts.items() if count]
+    remarks = [f"{count} {what}" for what, count in counts.items() if count]
     if t.vertices:
         least = min(t.vertices, key=lambda v: v["viable"])
         share = f"{least['viable']} of {least['runs']} or more"
-        told.append(f"{share} viable at each of {len(t.vertices)} vertices")
-    return told
+        remarks.append(f"{share} viable at each of {len(t.vertices)} vertices")
+    return remarks
 
 
 def _rate(rate: Rate | None) -> str:
@@ -157,12 +157,12 @@ def comparison_figure(found: Comparison) -> Figure:
     return figure
 
 
-def _shares(found: Comparison, laws: Sequence[str], case: str) -> dict[str, list[Rate | None]]:
+def _shares(comparison: Comparison, laws: Sequence[str], case: str) -> dict[str, list[Rate | None]]:
     """Label of each drawn share of a case -> the rate of every law."""
-    shares: dict[str, Any] = {"viable": found.viable}
-    if found.to_goal:
-        shares = {"rescued": found.rescued, **shares}
-    if case in found.references:
-        shares["of starts inside the kernel"] = found.of_kernel
-        shares["of starts outside the kernel"] = found.of_given_up
+    shares: dict[str, Any] = {"viable": comparison.viable}
+    if comparison.to_goal:
+        shares = {"rescued": comparison.rescued, **shares}
+    if case in comparison.references:
+        shares["of starts inside the kernel"] = comparison.of_kernel
+        shares["of starts outside the kernel"] = comparison.of_given_up
     return {what: [rate(law, case) for law in laws] for what, rate in shares.items()}

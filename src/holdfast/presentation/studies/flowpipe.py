@@ -17,13 +17,13 @@ from holdfast.presentation.figures import style
 
 
 @checked
-def flowpipe_figure(found: Flowpipe) -> Figure:
+def flowpipe_figure(pipe: Flowpipe) -> Figure:
     """The boxes of all states on the way over the first two of them, and those of start and end."""
-    (a, unit_a), (b, unit_b) = found.states[:2]
-    start, ends = list(found.start.values()), list(found.ends.values())
+    (a, unit_a), (b, unit_b) = pipe.states[:2]
+    start, ends = list(pipe.start.values()), list(pipe.ends.values())
     with style.look():
         figure, axis = plt.subplots(figsize=(style.WIDTH / 1.6, style.WIDTH / 1.8))
-        boxes = np.stack([found.low[:, :2], found.high[:, :2]], axis=2)
+        boxes = np.stack([pipe.low[:, :2], pipe.high[:, :2]], axis=2)
         for several, fill, edge, width in (
             (boxes, style.SKY, style.BLUE, 0.2),
             (np.array([start[:2]]), "none", "black", 2),
@@ -41,7 +41,7 @@ def flowpipe_figure(found: Flowpipe) -> Figure:
             Patch(
                 facecolor=style.SKY,
                 edgecolor=style.BLUE,
-                label=f"all on the way, {found.seconds:g} s",
+                label=f"all on the way, {pipe.seconds:g} s",
             ),
             Patch(facecolor="none", edgecolor="black", linewidth=2, label="start"),
             Patch(facecolor="none", edgecolor=style.ORANGE, linewidth=2, label="end"),
@@ -50,19 +50,19 @@ def flowpipe_figure(found: Flowpipe) -> Figure:
     return figure
 
 
-def flowpipe_text(found: Flowpipe, files: Sequence[Path] = ()) -> str:
+def flowpipe_text(pipe: Flowpipe, files: Sequence[Path] = ()) -> str:
     """What is proved, and from where."""
-    names = dict(found.states)
-    goal = ", and is in the target at the end" if found.header["target"] else ""
-    lines = [found.header["title"], ""]
-    lines += _table("from", found.start, names)
-    if not found.proved:
-        return "\n".join([*lines, "", f"  Nothing is proved of this box: {found.why}."])
-    lines += _table("ends in", found.ends, names)
+    names = dict(pipe.states)
+    goal = ", and is in the target at the end" if pipe.header["target"] else ""
+    lines = [pipe.header["title"], ""]
+    lines += _table("from", pipe.start, names)
+    if not pipe.proved:
+        return "\n".join([*lines, "", f"  Nothing is proved of this box: {pipe.why}."])
+    lines += _table("ends in", pipe.ends, names)
     lines += [
-        f"  by             {found.parts} parts of the box, {len(found.levels)} steps",
+        f"  by             {pipe.parts} parts of the box, {len(pipe.levels)} steps",
         "",
-        f"  Every trajectory from this box keeps every constraint for {found.seconds:g} s{goal},",
+        f"  Every trajectory from this box keeps every constraint for {pipe.seconds:g} s{goal},",
         "  if the model and the bounds hold.",
     ]
     if files:

@@ -64,8 +64,8 @@ def _halves(figure: Any, rows: int, columns: int, **sizes: Any) -> tuple[Any, An
     return first, second
 
 
-def _signal(axis: Axes, name: str, unit: str, told: Any, noise: float) -> None:
-    time, measured, predicted = told
+def _signal(axis: Axes, name: str, unit: str, series: Any, noise: float) -> None:
+    time, measured, predicted = series
     axis.plot(time, measured, ".", color=style.GREY, markersize=3, label="measured")
     breaks = np.flatnonzero(np.diff(time) > 10 * np.median(np.diff(time))) + 1
     shown = np.insert(predicted, breaks, np.nan)
@@ -76,9 +76,9 @@ def _signal(axis: Axes, name: str, unit: str, told: Any, noise: float) -> None:
     axis.set_title(f"noise {noise:.2g} {unit}", loc="right", fontsize="x-small", pad=2)
 
 
-def _numbers(axis: Axes, found: Identified) -> None:
+def _numbers(axis: Axes, identified: Identified) -> None:
     """Each interval in parts of its number; beside its name the number now and before."""
-    shown = [e for e in found.parameters if not math.isnan(e.low) and e.value]
+    shown = [e for e in identified.parameters if not math.isnan(e.low) and e.value]
     narrow = [abs(e.half_width / e.value) for e in shown if e.status == IDENTIFIED]
     most = 130 * max(narrow, default=1.0)
     for k, e in enumerate(shown):
@@ -93,11 +93,11 @@ def _numbers(axis: Axes, found: Identified) -> None:
     axis.invert_yaxis()
     axis.set_xlim(-most, most)
     axis.set_xlabel("interval, % of the number")
-    axis.set_title(f"{100 * found.level:g} % intervals")
+    axis.set_title(f"{100 * identified.level:g} % intervals")
 
 
-def _left(axis: Axes, found: Identified, k: int) -> None:
-    left, second = found.unexplained, found.held_out
+def _left(axis: Axes, identified: Identified, k: int) -> None:
+    left, second = identified.unexplained, identified.held_out
     origin = left.start[0]
     axis.plot(
         left.start - origin, left.value[:, k], ".", color=style.BLUE, markersize=3, label="log"
@@ -116,30 +116,30 @@ def _left(axis: Axes, found: Identified, k: int) -> None:
 
 
 def identification_text(
-    found: Identified,
+    identified: Identified,
     files: Sequence[Path] = (),
     redrawn: Mapping[str, Any] | None = None,
 ) -> str:
     """Every number with its interval and its status, what is left, and the verdict."""
-    level = f"{100 * found.level:g} %"
-    lines = [f"{found.system.name} from {found.log}", ""]
+    level = f"{100 * identified.level:g} %"
+    lines = [f"{identified.system.name} from {identified.log}", ""]
     lines += [
-        f"  {found.windows} windows of {found.window:.3g} s; {found.left_out:.3g} s are in none "
-        "(gaps, remainders)",
-        *(f"  repaired       {r}" for r in found.repairs),
-        "  noise          " + ", ".join(f"{n} {v:.2g}" for n, v in found.noise.items()),
-        f"  outliers       {100 * found.outliers:.2g} % of the measurements count less",
+        f"  {identified.windows} windows of {identified.window:.3g} s; {identified.left_out:.3g} s "
+        "are in none (gaps, remainders)",
+        *(f"  repaired       {r}" for r in identified.repairs),
+        "  noise          " + ", ".join(f"{n} {v:.2g}" for n, v in identified.noise.items()),
+        f"  outliers       {100 * identified.outliers:.2g} % of the measurements count less",
         "",
         f"    {'parameter':<24}{'before':<12}{'now':<12}{level + ' interval':<26}",
     ]
-    lines += [_row(e) for e in (*found.parameters, *found.disturbances)]
-    lines += [f"  NOTE: {remark}" for remark in found.remarks]
-    for tie in found.ties:
+    lines += [_row(e) for e in (*identified.parameters, *identified.disturbances)]
+    lines += [f"  NOTE: {remark}" for remark in identified.remarks]
+    for tie in identified.ties:
         lines.append(f"  {tie}: the first of them is held")
-    for e in found.parameters:
+    for e in identified.parameters:
         if e.manoeuvre:
             lines.append(f"  {e.name}: {e.manoeuvre}")
-    left = found.unexplained
+    left = identified.unexplained
     lines += [
         "",
         f"  left unexplained, as rates constant in {left.length:.3g} s ({len(left.start)} windows)",
@@ -149,7 +149,7 @@ def identification_text(
         left.names, left.units, left.low, left.high, left.noise_share, strict=True
     ):
         lines.append(f"    {f'{n} [{u}]':<24}{a:<12.4g}{b:<12.4g}{100 * share:.0f} % of the spread")
-    lines += ["", f"  {found.verdict}"]
+    lines += ["", f"  {identified.verdict}"]
     if redrawn is not None:
         wide = max(len(row["what"]) for row in redrawn["answers"]) + 2
         lines += ["", f"    {'scenario':<{wide}}{'before':<14}now"]
@@ -169,5 +169,5 @@ def identification_text(
 def _row(e: Estimate) -> str:
     name = f"{e.name} [{e.unit}]" if e.unit != "1" else e.name
     interval = "held" if math.isnan(e.low) else f"{e.low:.4g} to {e.high:.4g}"
-    told = "" if e.status == IDENTIFIED else f"{e.status}: {e.why}" if e.why else e.status
-    return f"    {name:<24}{e.before:<12.4g}{e.value:<12.4g}{interval:<26}{told}".rstrip()
+    remark = "" if e.status == IDENTIFIED else f"{e.status}: {e.why}" if e.why else e.status
+    return f"    {name:<24}{e.before:<12.4g}{e.value:<12.4g}{interval:<26}{remark}".rstrip()

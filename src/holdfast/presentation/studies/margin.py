@@ -55,11 +55,11 @@ def margin_figure(
         answers = [Answer.HELD if share > threshold else Answer.LOST for share in left]
     else:
         answers = [answers[k] for k in order]
-    kept, gone, unsure = (
+    held, gone, unsure = (
         np.array([a is kind for a in answers])
         for kind in (Answer.HELD, Answer.LOST, Answer.UNDECIDED)
     )
-    ends = np.flatnonzero(~kept)
+    ends = np.flatnonzero(~held)
     below = tried[: ends[0]] if ends.size else tried
     lost = tried[gone & (tried > below[-1])] if below.size else tried[gone]
     says = "" if unit == "1" else f" {unit}"
@@ -72,7 +72,7 @@ def margin_figure(
         figure, axis = plt.subplots(figsize=(0.62 * style.WIDTH, 3.0), layout="constrained")
         axis.plot(tried, left, color=style.GREY, linewidth=0.8, zorder=1)
         for chosen, marker, face, label in (
-            (kept, "o", style.BLUE, "the states are kept" if keeps else "a kernel is left"),
+            (held, "o", style.BLUE, "the states are kept" if keeps else "a kernel is left"),
             (gone, "x" if keeps else "o", "white", "a state is lost" if keeps else "empty"),
             (unsure, "o", style.ORANGE, "undecided"),
         ):
@@ -101,44 +101,45 @@ def margin_figure(
     return figure
 
 
-def margin_text(found: Margin, files: Sequence[Path] = ()) -> str:
+def margin_text(margin: Margin, files: Sequence[Path] = ()) -> str:
     """One line for every trial, and their common result."""
-    unit = "" if found.unit == "1" else f" {found.unit}"
-    until = ", for ever" if found.forever else f", for {found.horizon:g} s"
-    if found.key == "march.horizon":
+    unit = "" if margin.unit == "1" else f" {margin.unit}"
+    until = ", for ever" if margin.forever else f", for {margin.horizon:g} s"
+    if margin.key == "march.horizon":
         until = ""
-    kept = "the states are kept" if found.keeps else "a kernel is left"
-    what = f"largest value for which {kept}"
-    head = f"{found.name} [{found.unit}]"
+    condition = "the states are kept" if margin.keeps else "a kernel is left"
+    what = f"largest value for which {condition}"
+    head = f"{margin.name} [{margin.unit}]"
     width = max(len(head), 10) + 2
-    lines = [found.title, "", f"  {found.key}: {what}{until}", ""]
+    lines = [margin.title, "", f"  {margin.key}: {what}{until}", ""]
     lines.append(f"    {head:<{width}}share of the box  least V    simulated  steps  the set")
-    for t in found.trials:
+    for t in margin.trials:
         share = "-" if np.isnan(t.fraction) else f"{100 * t.fraction:.3g} %"
         lines.append(
             f"    {t.value:<{width}.5g}{share:<18}{t.least:<+11.3g}{f'{t.reached:.3g} s':<11}"
             f"{t.steps:<7}{_what(t)}"
         )
-    lines += ["", f"  the limit      {_limit(found, unit)}"]
-    if found.monotone:
+    lines += ["", f"  the limit      {_limit(margin, unit)}"]
+    if margin.monotone:
         lines.append("  monotone       yes: a larger value only widens disturbance bounds")
-    elif found.holds_again:
-        shown = ", ".join(f"{v:.4g}" for v in found.holds_again)
+    elif margin.holds_again:
+        shown = ", ".join(f"{v:.4g}" for v in margin.holds_again)
         lines.append(f"  monotone       no: {shown}{unit} above it are kept too")
     else:
         lines.append("  monotone       in all trials, but not proved")
-    if found.undecided:
-        shown = ", ".join(f"{v:.4g}" for v in found.undecided)
+    if margin.undecided:
+        shown = ", ".join(f"{v:.4g}" for v in margin.undecided)
         lines.append(
-            f"  undecided      {shown}{unit}: neither lost nor converged within {found.horizon:g} s"
+            f"  undecided      {shown}{unit}: neither lost nor converged within "
+            f"{margin.horizon:g} s"
         )
-    warm = sum(t.warm for t in found.trials)
+    warm = sum(t.warm for t in margin.trials)
     begun = f", {warm} warm-started from the kernel of a smaller bound" if warm else ""
-    steps, seconds = (sum(getattr(t, n) for t in found.trials) for n in ("steps", "wall_time"))
-    lines.append(f"  {len(found.trials)} trials{begun}: {steps:,} steps, {seconds:.1f} s")
-    if found.settings:
-        changes = " ".join(f"--set {shlex.quote(s)}" for s in found.settings)
-        lines.append(f"  reproduce      holdfast run {found.scenario} {changes}")
+    steps, seconds = (sum(getattr(t, n) for t in margin.trials) for n in ("steps", "wall_time"))
+    lines.append(f"  {len(margin.trials)} trials{begun}: {steps:,} steps, {seconds:.1f} s")
+    if margin.settings:
+        changes = " ".join(f"--set {shlex.quote(s)}" for s in margin.settings)
+        lines.append(f"  reproduce      holdfast run {margin.scenario} {changes}")
     if files:
         lines += ["", f"  files in {files[0].parent}: " + ", ".join(f.name for f in files)]
     return "\n".join(lines)
@@ -152,13 +153,13 @@ def _what(tried: Tried) -> str:
     return "kept, converged" if tried.converged else "kept"
 
 
-def _limit(found: Margin, unit: str) -> str:
-    low, high = found.low, found.high
+def _limit(margin: Margin, unit: str) -> str:
+    low, high = margin.low, margin.high
     if low is None:
-        least = found.trials[0]
+        least = margin.trials[0]
         return f"none found: {least.value:.4g}{unit} is {_what(least)} already"
     if high is None:
-        bounds = ", the largest value within the bounds" if low >= found.end else ""
+        bounds = ", the largest value within the bounds" if low >= margin.end else ""
         return f"none found: nothing is lost up to {low:.4g}{unit}{bounds}"
-    wide = "" if found.answered else f", wider than the tolerance {found.tolerance:.2g}{unit}"
+    wide = "" if margin.answered else f", wider than the tolerance {margin.tolerance:.2g}{unit}"
     return f"between {low:.4g} and {high:.4g}{unit}{wide}"

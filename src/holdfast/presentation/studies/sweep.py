@@ -29,21 +29,23 @@ WRITTEN = 100
 MOST_NAMES = 6
 
 
-def campaign_text(found: Campaign, variable: str | None = None, files: Sequence[Path] = ()) -> str:
+def campaign_text(
+    campaign: Campaign, variable: str | None = None, files: Sequence[Path] = ()
+) -> str:
     """The number of cells, the range of the variable, and its best cell."""
-    said = found.summary(variable)
-    about = found.variable(variable)
-    data = found.dataset
-    if found.is_grid:
-        sizes = " x ".join(str(data.sizes[n]) for n in found.names)
-        cells = f"{sizes} = {said['cells']:,}" if len(found.names) > 1 else sizes
+    said = campaign.summary(variable)
+    about = campaign.variable(variable)
+    data = campaign.dataset
+    if campaign.is_grid:
+        sizes = " x ".join(str(data.sizes[n]) for n in campaign.names)
+        cells = f"{sizes} = {said['cells']:,}" if len(campaign.names) > 1 else sizes
     else:
         cells = f"{said['cells']:,}"
     cells += " cell" if said["cells"] == 1 else " cells"
-    if not found.is_grid:
+    if not campaign.is_grid:
         cells += ", a Latin hypercube"
     lines = [said["title"], ""]
-    over = ", ".join(found.keys.values())
+    over = ", ".join(campaign.keys.values())
     each = ""
     if "runs" in data:
         each = f", {int(data['runs'].max()):,} runs in each"
@@ -52,7 +54,7 @@ def campaign_text(found: Campaign, variable: str | None = None, files: Sequence[
     for word in ("least", "most"):
         if word in said:
             place = ", ".join(
-                f"{found.keys[n]} = {v:.4g}{_unit(data[n].attrs['units'])}"
+                f"{campaign.keys[n]} = {v:.4g}{_unit(data[n].attrs['units'])}"
                 for n, v in said[word]["at"].items()
             )
             unit = _unit(about.attrs["units"])
@@ -66,9 +68,9 @@ def campaign_text(found: Campaign, variable: str | None = None, files: Sequence[
         lines.append(f"  warnings in some cells, such as: {warned[0]}")
     if said["refused"]:
         refused = "1 cell" if said["refused"] == 1 else f"{said['refused']:,} cells"
-        lines.append(f"  {refused} refused, the first: {found.notes[0]}")
+        lines.append(f"  {refused} refused, the first: {campaign.notes[0]}")
     if "most" in said:
-        lines.append(f"  reproduce     {found.command(said['most']['cell'])}")
+        lines.append(f"  reproduce     {campaign.command(said['most']['cell'])}")
     if files:
         lines += ["", f"  files in {files[0].parent}: " + ", ".join(f.name for f in files)]
     return "\n".join(lines)
@@ -97,8 +99,8 @@ def campaign_figure(found: Campaign, variable: str | None = None) -> Figure:
     with style.look():
         if len(names) == 1:
             return _curve(found, about)
-        known = about.values[np.isfinite(about.values)]
-        low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+        finite = about.values[np.isfinite(about.values)]
+        low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
         if high <= low:
             low, high = low - 0.5, high + 0.5
         scale = ScalarMappable(Normalize(low, high), COLOURS)
@@ -131,29 +133,29 @@ def campaign_figure(found: Campaign, variable: str | None = None) -> Figure:
     return figure
 
 
-def _panel(axis: Axes, found: Campaign, about: Any, pair: tuple[str, str], scale: Any) -> None:
-    data = found.dataset
+def _panel(axis: Axes, campaign: Campaign, about: Any, pair: tuple[str, str], scale: Any) -> None:
+    data = campaign.dataset
     x, y = (data[n].values for n in pair)
-    logs = [_is_log(found, n) for n in pair]
+    logs = [_is_log(campaign, n) for n in pair]
     if logs[0]:
         axis.set_xscale("log")
     if logs[1]:
         axis.set_yscale("log")
     axis.grid(False)
-    if not found.is_grid:
+    if not campaign.is_grid:
         good = np.isfinite(about.values)
         size = float(np.clip(2000 / max(len(x), 1), 4, 40))
         axis.scatter(x[~good], y[~good], marker="x", s=size, color=style.GREY, linewidths=0.8)
         axis.scatter(x[good], y[good], c=about.values[good], s=size, norm=scale.norm, cmap=COLOURS)
         return
-    others = [n for n in found.names if n not in pair]
+    others = [n for n in campaign.names if n not in pair]
     shown = about.mean(others, skipna=True) if others else about
     values = shown.transpose(pair[1], pair[0]).values.astype(np.float64)
     edges = [_edges(v, log) for v, log in zip((x, y), logs, strict=True)]
     axis.patch.set(hatch="////", edgecolor=style.GREY, facecolor="white")
     axis.pcolormesh(*edges, values, norm=scale.norm, cmap=COLOURS, rasterized=True)
     if values.size <= WRITTEN and not others:
-        share = _is_share(found, about)
+        share = _is_share(campaign, about)
         for row, column in np.argwhere(np.isfinite(values)):
             value = values[row, column]
             dark = scale.norm(value) < 0.6
@@ -164,9 +166,9 @@ def _panel(axis: Axes, found: Campaign, about: Any, pair: tuple[str, str], scale
             )  # fmt: skip
 
 
-def _curve(found: Campaign, about: Any) -> Figure:
-    (name,) = found.names
-    data = found.dataset
+def _curve(campaign: Campaign, about: Any) -> Figure:
+    (name,) = campaign.names
+    data = campaign.dataset
     order = np.argsort(data[name].values)
     at, values = data[name].values[order], about.values[order]
     figure, axis = plt.subplots(figsize=(0.62 * style.WIDTH, 3.0), layout="constrained")
@@ -176,17 +178,17 @@ def _curve(found: Campaign, about: Any) -> Figure:
             at, low, high, color=style.BLUE, alpha=0.2, linewidth=0, label="95 % interval"
         )
         figure.legend(loc="outside lower center")
-    line = "-" if found.is_grid else ""
+    line = "-" if campaign.is_grid else ""
     axis.plot(at, values, f"o{line}", color=style.BLUE, markersize=3.5)
     for place in at[~np.isfinite(values)]:
         axis.axvline(place, color=style.GREY, linewidth=0.8, linestyle=":")
-    if _is_log(found, name):
+    if _is_log(campaign, name):
         axis.set_xscale("log")
-    if _is_share(found, about):
+    if _is_share(campaign, about):
         axis.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=" %"))
-    axis.set_xlabel(_named(found, name))
+    axis.set_xlabel(_named(campaign, name))
     axis.set_ylabel(_said(about))
-    axis.set_title(found.dataset.attrs["title"])
+    axis.set_title(campaign.dataset.attrs["title"])
     return figure
 
 
@@ -194,24 +196,24 @@ def _edges(values: Array, log: bool) -> Array:
     """The midpoints between values, and as far beyond the first and the last."""
     places = np.log(values) if log else values
     middle = (places[1:] + places[:-1]) / 2
-    found = np.concatenate(
+    edges = np.concatenate(
         [[2 * places[0] - middle[0]], middle, [2 * places[-1] - middle[-1]]]
         if middle.size
         else [places - 0.5, places + 0.5]
     )
-    return np.exp(found) if log else found
+    return np.exp(edges) if log else edges
 
 
-def _is_log(found: Campaign, name: str) -> bool:
-    return bool(found.dataset[name].attrs.get("spacing") == "log")
+def _is_log(campaign: Campaign, name: str) -> bool:
+    return bool(campaign.dataset[name].attrs.get("spacing") == "log")
 
 
-def _is_share(found: Campaign, about: Any) -> bool:
-    return f"{about.name}_low" in found.dataset or about.name == "fraction"
+def _is_share(campaign: Campaign, about: Any) -> bool:
+    return f"{about.name}_low" in campaign.dataset or about.name == "fraction"
 
 
-def _named(found: Campaign, name: str) -> str:
-    attributes = found.dataset[name].attrs
+def _named(campaign: Campaign, name: str) -> str:
+    attributes = campaign.dataset[name].attrs
     return style.axis_label(str(attributes["long_name"]), str(attributes["units"]))
 
 

@@ -35,9 +35,9 @@ def tuning_figure(found: Tuning) -> Figure:
     Rings mark the candidates that no other betters in every cost. The scenario's gains and the
     chosen ones are marked, at their costs from the starts of the candidates.
     """
-    known = [c for c in COSTS if not math.isnan(found.shipped_costs.of(c))]
-    across, up = ("time", "effort") if "time" in known else ("clearance", "effort")
-    third = next((c for c in known if c not in (across, up)), None)
+    costs = [c for c in COSTS if not math.isnan(found.shipped_costs.of(c))]
+    across, up = ("time", "effort") if "time" in costs else ("clearance", "effort")
+    third = next((c for c in costs if c not in (across, up)), None)
     able = [c for c in found.candidates if c.costs.lost <= found.shipped_costs.lost]
     able = able or list(found.candidates)
     with style.look():
@@ -79,49 +79,49 @@ def _mark(
     )  # fmt: skip
 
 
-def tuning_table(found: Tuning) -> str:
+def tuning_table(tuning: Tuning) -> str:
     """The candidates as CSV: gains, slack of the conditions, costs, and whether on the front."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow([*found.gains, "slack", *COSTS, "lost", "front"])
-    front = [c.gains for c in found.front]
-    for c in found.candidates:
+    rows.writerow([*tuning.gains, "slack", *COSTS, "lost", "front"])
+    front = [c.gains for c in tuning.front]
+    for c in tuning.candidates:
         costs = [f"{getattr(c.costs, n):.6g}" for n in (*COSTS, "lost")]
         rows.writerow([*c.gains.values(), f"{c.slack:.6g}", *costs, int(c.gains in front)])
     return text.getvalue()
 
 
-def tuning_text(found: Tuning, files: Sequence[Path] = ()) -> str:
+def tuning_text(tuning: Tuning, files: Sequence[Path] = ()) -> str:
     """The gains, their costs beside those of the scenario, and every condition."""
-    case = f", case '{found.case}'" if found.case else ""
-    lines = [found.title, ""]
+    case = f", case '{tuning.case}'" if tuning.case else ""
+    lines = [tuning.title, ""]
     lines.append(
-        f"  best for {found.cost}{case}; conditions met with a margin of {100 * found.margin:g} % "
-        f"at {_count(found.corners, 'corner')}"
+        f"  best for {tuning.cost}{case}; conditions met with a margin of {100 * tuning.margin:g} "
+        f"% at {_count(tuning.corners, 'corner')}"
     )
     lines += ["", f"    {'gain':<{WIDE}}{'scenario':<12}tuned"]
-    for key, value in found.gains.items():
-        unit = "" if found.units[key] == "1" else f" [{found.units[key]}]"
-        lines.append(f"    {key + unit:<{WIDE}}{found.shipped[key]:<12.4g}{value:.4g}")
-    head = f"cost, of {found.checked} fresh starts"
+    for key, value in tuning.gains.items():
+        unit = "" if tuning.units[key] == "1" else f" [{tuning.units[key]}]"
+        lines.append(f"    {key + unit:<{WIDE}}{tuning.shipped[key]:<12.4g}{value:.4g}")
+    head = f"cost, of {tuning.checked} fresh starts"
     lines += ["", f"    {head:<{WIDE}}{'scenario':<12}tuned"]
     for name, shown in SHOWN.items():
-        pair = [getattr(costs, name) for costs in (found.before, found.after)]
+        pair = [getattr(costs, name) for costs in (tuning.before, tuning.after)]
         if not math.isnan(pair[0]):
             lines.append(f"    {shown:<{WIDE}}{pair[0]:<12.4g}{pair[1]:.4g}")
     lines += ["", f"    {'condition':<{WIDE}}{'value':<12}{'limit':<12}nearest to it"]
-    lines += [_condition(c) for c in found.conditions]
-    for c in found.shipped_violations:
+    lines += [_condition(c) for c in tuning.conditions]
+    for c in tuning.shipped_violations:
         lines += [
             "",
             f"  the scenario's own gains violate {c.condition}: {c.value:.4g}, limit "
             f"{c.limit:.4g}, {c.where}: {c.consequence}",
         ]
-    simulated = f"{len(found.candidates)} admissible of {found.tried} tried, {len(found.front)}"
-    lines += ["", f"  {simulated} bettered by no other; seed {found.seed}"]
-    if found.gains != found.shipped:
-        changes = " ".join(f"--set {shlex.quote(s)}" for s in found.settings)
-        lines.append(f"  reproduce      holdfast run {found.scenario} {changes}")
+    simulated = f"{len(tuning.candidates)} admissible of {tuning.tried} tried, {len(tuning.front)}"
+    lines += ["", f"  {simulated} bettered by no other; seed {tuning.seed}"]
+    if tuning.gains != tuning.shipped:
+        changes = " ".join(f"--set {shlex.quote(s)}" for s in tuning.settings)
+        lines.append(f"  reproduce      holdfast run {tuning.scenario} {changes}")
     else:
         lines.append("  no candidate is better than the scenario's own gains")
     if files:

@@ -46,14 +46,14 @@ def equations(
 
     taken: names that mean something else beside these equations.
     """
-    given = dict(pairs)
-    used = {str(s) for e in given.values() for s in e.free_symbols} | {*given, *taken}
+    by_name = dict(pairs)
+    used = {str(s) for e in by_name.values() for s in e.free_symbols} | {*by_name, *taken}
     free = (s for s in sp.numbered_symbols("s", start=1) if s.name not in used)
-    if max(width(e) for e in given.values()) > WIDTH:
-        shared, reduced = sp.cse(list(given.values()), symbols=free, order="none")
-        given = {str(s): e for s, e in shared} | dict(zip(given, reduced, strict=True))
+    if max(width(e) for e in by_name.values()) > WIDTH:
+        shared, reduced = sp.cse(list(by_name.values()), symbols=free, order="none")
+        by_name = {str(s): e for s, e in shared} | dict(zip(by_name, reduced, strict=True))
     lines = []
-    for left, expression in given.items():
+    for left, expression in by_name.items():
         rows = pretty(expression)
         middle = len(rows) // 2
         if max(len(row) for row in rows) > WIDTH:
@@ -149,7 +149,7 @@ class Step:
 
 def steps(
     system: System,
-    found: Structure,
+    structure: Structure,
     grown: Growth,
     aligned: Alignment | str,
     search: Search,
@@ -158,15 +158,15 @@ def steps(
 ) -> tuple[Step, ...]:
     """The whole derivation; `chosen` says whether the moment p was given."""
     return (
-        _constraint(system, found),
-        _states(found),
-        _nonholonomy(found, grown),
-        _equilibria(found),
-        _field(found, chosen=chosen),
-        _output(found),
-        _following(system, found, aligned),
-        _chain(found, search),
-        _verdict(system, found, aligned, search),
+        _constraint(system, structure),
+        _states(structure),
+        _nonholonomy(structure, grown),
+        _equilibria(structure),
+        _field(structure, chosen=chosen),
+        _output(structure),
+        _following(system, structure, aligned),
+        _chain(structure, search),
+        _verdict(system, structure, aligned, search),
     )
 
 
@@ -174,19 +174,21 @@ def _names(quantities: Sequence[Quantity]) -> str:
     return ", ".join(q.name for q in quantities) or "none"
 
 
-def _constraint(system: System, found: Structure) -> Step:
-    kappa, n = found.matrix.shape
+def _constraint(system: System, structure: Structure) -> Step:
+    kappa, n = structure.matrix.shape
     origin = "as declared" if system.pfaffian else "derived, annihilates the input directions"
     body: list[str | Equation] = [
-        f"Coordinates q: {_names(found.coordinates)}; {kappa} constraint{'s' * (kappa > 1)} "
+        f"Coordinates q: {_names(structure.coordinates)}; {kappa} constraint{'s' * (kappa > 1)} "
         f"A(q) q' = b(q), {origin}.",
-        Equation("A", found.matrix),
+        Equation("A", structure.matrix),
     ]
-    if not found.catastatic:
-        body.append(Equation("b", sp.Matrix(found.rhs)))
-    whose = "The inputs move the system along" if found.kinematic else "The motions it allows are"
+    if not structure.catastatic:
+        body.append(Equation("b", sp.Matrix(structure.rhs)))
+    whose = (
+        "The inputs move the system along" if structure.kinematic else "The motions it allows are"
+    )
     body.append(f"{whose} {n - kappa} directions:")
-    named = zip(found.direction_names, found.directions, strict=True)
+    named = zip(structure.direction_names, structure.directions, strict=True)
     body += [Equation(f"g_{n}", _row(g)) for n, g in named]
     return Step("The constraint", tuple(body))
 
@@ -196,20 +198,20 @@ def _row(vector: sp.ImmutableMatrix) -> sp.Basic:
     return sp.Tuple(*vector) if sp.count_ops(vector) < 20 else vector
 
 
-def _states(found: Structure) -> Step:
-    zero = _names(found.transverse)
+def _states(structure: Structure) -> Step:
+    zero = _names(structure.transverse)
     return Step(
         "Leafwise and transverse states",
         (
             f"Zero columns of A belong to the transverse states: {zero}. The others are the "
-            f"leafwise states x: {_names(found.leaf)}. The reference field has dimension "
-            f"N = {len(found.leaf)}.",
+            f"leafwise states x: {_names(structure.leaf)}. The reference field has dimension "
+            f"N = {len(structure.leaf)}.",
         ),
     )
 
 
-def _nonholonomy(found: Structure, grown: Growth) -> Step:
-    n = len(found.coordinates)
+def _nonholonomy(structure: Structure, grown: Growth) -> Step:
+    n = len(structure.coordinates)
     least = "" if grown.origin == n else "at least "
     body: list[str | Equation] = [
         "Brackets of the allowed motions, order by order, span "
@@ -222,44 +224,46 @@ def _nonholonomy(found: Structure, grown: Growth) -> Step:
             body.append(f"Further directions: {rest}.")
             break
         body += [
-            f"{name}, direction {len(found.directions) + number}:",
+            f"{name}, direction {len(structure.directions) + number}:",
             Equation(f"b_{number}", _row(g)),
         ]
     body.append(
         "They span everything: the distribution ker A is not involutive, no combination of the "
         "constraints can be integrated, and every state can be reached from every other."
-        if not any(found.drift) and found.catastatic
+        if not any(structure.drift) and structure.catastatic
         else "They span everything: ker A is not involutive and no combination of the "
         "constraints can be integrated."
     )
     return Step("Is it nonholonomic", tuple(body))
 
 
-def _equilibria(found: Structure) -> Step:
-    if found.catastatic and not any(found.drift):
+def _equilibria(structure: Structure) -> Step:
+    if structure.catastatic and not any(structure.drift):
         return Step(
             "Catastatic or acatastatic",
             ("Catastatic: b = 0. With its inputs at zero the system rests in every state.",),
         )
     body: list[str | Equation] = []
-    if found.catastatic:
+    if structure.catastatic:
         body.append("Catastatic: b = 0; but the system drifts with its inputs at zero.")
     else:
         body.append("Acatastatic: q' = 0 asks for b(q) = 0, that is, rest is possible only where")
-        body += [Equation("0", b) for b in found.rhs if b != 0]
-    if found.kinematic:
-        held = inputs_at_rest(found)
+        body += [Equation("0", b) for b in structure.rhs if b != 0]
+    if structure.kinematic:
+        held = inputs_at_rest(structure)
         body.append("and it rests there under the inputs")
-        body += [Equation(u.name, e) for u, e in zip(found.inputs, held, strict=True)]
+        body += [Equation(u.name, e) for u, e in zip(structure.inputs, held, strict=True)]
     return Step("Catastatic or acatastatic; equilibria", tuple(body))
 
 
-def _field(found: Structure, *, chosen: bool) -> Step:
-    names = _names(found.leaf)
-    dimension = len(found.admissible)
+def _field(structure: Structure, *, chosen: bool) -> Step:
+    names = _names(structure.leaf)
+    dimension = len(structure.admissible)
     body: list[str | Equation] = ["The moment p has to satisfy A(0) p = 0, with"]
-    body.append(Equation("A(0)", found.leaf_matrix.subs({q.symbol: 0 for q in found.coordinates})))
-    p = sp.Tuple(*found.moment)
+    body.append(
+        Equation("A(0)", structure.leaf_matrix.subs({q.symbol: 0 for q in structure.coordinates}))
+    )
+    p = sp.Tuple(*structure.moment)
     if dimension == 1:
         body.append(f"which leaves one direction in ({names}):")
     elif chosen:
@@ -272,44 +276,45 @@ def _field(found: Structure, *, chosen: bool) -> Step:
     body += [
         Equation("p", p),
         "The reference field F = lam (p . x) x - p |x|^2 is then",
-        Equation("F", sp.Matrix(found.field)),
+        Equation("F", sp.Matrix(structure.field)),
         f"Its only zero, for lam > 1, is x = 0: the law is singular on ({names}) = 0, for every "
-        f"value of the transverse states ({_names(found.transverse)}), and has to treat it apart. "
+        f"value of the transverse states ({_names(structure.transverse)}), "
+        "and has to treat it apart. "
         + (
             "It is a rose: two elliptic sectors, index 2; every flow line but the two on the p "
             "axis leaves and enters along p."
-            if len(found.leaf) == 2
+            if len(structure.leaf) == 2
             else "In every plane through p it is a rose (two elliptic sectors, index 2); the "
-            f"index on the sphere around it says nothing in {len(found.leaf)} dimensions."
+            f"index on the sphere around it says nothing in {len(structure.leaf)} dimensions."
         ),
     ]
     return Step("The reference field", tuple(body))
 
 
-def _output(found: Structure) -> Step:
+def _output(structure: Structure) -> Step:
     body: list[str | Equation] = ["The output to bring to zero is h = A F:"]
-    body += [Equation(f"h_{i}", h) for i, h in enumerate(found.output, start=1)]
-    sampler = found.sampler()
-    at = sampler.generic_point(found.symbols, [*found.output_rate], "dh/dt")
-    rank_found = sampler.rank(found.output_rate.tolist(), at)
+    body += [Equation(f"h_{i}", h) for i, h in enumerate(structure.output, start=1)]
+    sampler = structure.sampler()
+    at = sampler.generic_point(structure.symbols, [*structure.output_rate], "dh/dt")
+    rank_found = sampler.rank(structure.output_rate.tolist(), at)
     body.append(
-        f"dh/dt per unit of the {len(found.directions)} motions has rank {rank_found} for "
-        f"{len(found.output)} output{'s' * (len(found.output) > 1)}."
+        f"dh/dt per unit of the {len(structure.directions)} motions has rank {rank_found} for "
+        f"{len(structure.output)} output{'s' * (len(structure.output) > 1)}."
     )
-    for t in found.transverse:
+    for t in structure.transverse:
         degrees = ", ".join(
             f"h_{i}: {d if d else 'none'}"
-            for i, d in enumerate(relative_degrees(found, t), start=1)
+            for i, d in enumerate(relative_degrees(structure, t), start=1)
         )
         body.append(f"Relative degree with respect to the rate of {t.name}: {degrees}.")
     return Step("The output", tuple(body))
 
 
-def _following(system: System, found: Structure, aligned: Alignment | str) -> Step:
+def _following(system: System, structure: Structure, aligned: Alignment | str) -> Step:
     title = "Steering along the field"
     if isinstance(aligned, str):
         return Step(title, (f"Not derived: {aligned}.",))
-    t = found.transverse[0]
+    t = structure.transverse[0]
     body: list[str | Equation] = [
         "Derived. The motion on the leaf is along g, the kernel of A by its signed minors, with "
         "p . g(0) > 0:",
@@ -322,7 +327,7 @@ def _following(system: System, found: Structure, aligned: Alignment | str) -> St
         f"{t.name} at the rate motion_across = (-k s - (ds/dx . g) motion_along) / (ds/d{t.name}), "
         "hence s' = -k s. In the inputs of the system:",
     ]
-    body += [Equation(n, e) for n, e in own_inputs(system, found, aligned).items()]
+    body += [Equation(n, e) for n, e in own_inputs(system, structure, aligned).items()]
     body.append(
         "g can point every way, so the law is global but for x = 0."
         if aligned.everywhere
@@ -333,14 +338,14 @@ def _following(system: System, found: Structure, aligned: Alignment | str) -> St
     return Step(title, tuple(body))
 
 
-def _chain(found: Structure, search: Search) -> Step:
+def _chain(structure: Structure, search: Search) -> Step:
     title = "Steering by chained coordinates"
     if search.found is None:
         tried = f" ({search.tried} of {search.pairs} pairs tried)" if search.pairs else ""
         return Step(title, (f"Not derived: {search.reason}{tried}.",))
     form = search.found
     n = len(form.coordinates)
-    zs, vs, ks = (_unused(c, found) for c in (("z", "zeta"), ("v", "nu"), ("k", "kappa")))
+    zs, vs, ks = (_unused(c, structure) for c in (("z", "zeta"), ("v", "nu"), ("k", "kappa")))
     z = [symbol(f"{zs}{i}") for i in range(1, n + 1)]
     v1, v2 = symbol(f"{vs}1"), symbol(f"{vs}2")
     k1, *gains = (symbol(f"{ks}{i}") for i in range(1, n + 1))
@@ -369,7 +374,7 @@ def _chain(found: Structure, search: Search) -> Step:
         f"all of them at {POLE:g} 1/s, {placed}. In the inputs of the system:",
         *(
             _bounded(u.name, a * v1 + b * v2)
-            for u, (a, b) in zip(found.inputs, form.coefficients, strict=True)
+            for u, (a, b) in zip(structure.inputs, form.coefficients, strict=True)
         ),
         _domain(form),
         f"From {zs}1 = 0, where it divides by zero, the law escapes first, at a speed and for a "
@@ -378,12 +383,15 @@ def _chain(found: Structure, search: Search) -> Step:
     return Step(title, tuple(body))
 
 
-def _unused(choices: tuple[str, str], found: Structure) -> str:
+def _unused(choices: tuple[str, str], structure: Structure) -> str:
     """The first letter that, with a number, names no quantity of the system."""
     names = {
-        str(s) for s in found.matrix.free_symbols.union(*(g.free_symbols for g in found.directions))
+        str(s)
+        for s in structure.matrix.free_symbols.union(
+            *(g.free_symbols for g in structure.directions)
+        )
     }
-    names |= {q.name for q in (*found.coordinates, *found.inputs, *found.parameters)}
+    names |= {q.name for q in (*structure.coordinates, *structure.inputs, *structure.parameters)}
     taken = any(re.fullmatch(choices[0] + r"\d+", name) for name in names)
     return choices[1] if taken else choices[0]
 
@@ -411,7 +419,9 @@ def _bounded(name: str, expression: sp.Expr) -> str | Equation:
     return Equation(name, expression)
 
 
-def _verdict(system: System, found: Structure, aligned: Alignment | str, search: Search) -> Step:
+def _verdict(
+    system: System, structure: Structure, aligned: Alignment | str, search: Search
+) -> Step:
     derived = not isinstance(aligned, str)
     body: list[str | Equation] = []
     if isinstance(aligned, Alignment) and aligned.everywhere:
@@ -432,7 +442,7 @@ def _verdict(system: System, found: Structure, aligned: Alignment | str, search:
     if made:
         body.append(f"Laws of the catalogue that are made for this system: {', '.join(made)}.")
     left = ["gains, and when to stop near the origin"]
-    if len(found.admissible) > 1:
+    if len(structure.admissible) > 1:
         left.insert(0, "p")
     body.append(f"Left to the designer: {'; '.join(left)}.")
     return Step("What to use", tuple(body))

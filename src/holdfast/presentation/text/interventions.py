@@ -108,9 +108,9 @@ class Live:
     def _input(self, name: str, width: int) -> str:
         """The command and the input."""
         assert self.record is not None
-        given, wanted = self.record.input[name], self.record.command.get(name, math.nan)
-        said = f"command {_number(wanted):>9}  input {_number(given):>9}"
-        difference = given - wanted
+        applied, wanted = self.record.input[name], self.record.command.get(name, math.nan)
+        said = f"command {_number(wanted):>9}  input {_number(applied):>9}"
+        difference = applied - wanted
         if difference:
             said += "" if math.isnan(difference) else f"  ({difference:+.2g})"
         line = _cut(f"{_cut(name, LEFT - 1):<{LEFT}}{said}", width)
@@ -119,11 +119,11 @@ class Live:
     def _columns(self, across: int) -> list[list[Point]]:
         """The points of each column; the last column is now."""
         assert self.record is not None
-        found: list[list[Point]] = [[] for _ in range(across)]
+        columns: list[list[Point]] = [[] for _ in range(across)]
         for point in self._points:
             age = (self.record.t - point.t) / SPAN
-            found[max(across - 1 - int(age * across), 0)].append(point)
-        return found
+            columns[max(across - 1 - int(age * across), 0)].append(point)
+        return columns
 
     def _trend(self, across: int) -> str:
         """The least value of each column; the scale reaches from 0, or below, to the greatest."""
@@ -131,8 +131,8 @@ class Live:
             min((p.value for p in column if not math.isnan(p.value)), default=math.nan)
             for column in self._columns(across)
         ]
-        known = [v for v in least if math.isfinite(v)]
-        low, high = min([0.0, *known]), max([0.0, *known])
+        finite = [v for v in least if math.isfinite(v)]
+        low, high = min([0.0, *finite]), max([0.0, *finite])
         shown = []
         for v in least:
             if not math.isfinite(v):
@@ -190,8 +190,8 @@ def event_line(event: Event) -> str:
     of = event.intervention
     if event.what != "ended":
         more = "now " if event.what == "graver" else ""
-        known = of.why.startswith(of.kind.split(",")[0])  # the sentence says it itself
-        said = of.why if known else f"{of.kind}: {of.why}" if of.why else of.kind
+        names_kind = of.why.startswith(of.kind.split(",")[0])  # the sentence says it itself
+        said = of.why if names_kind else f"{of.kind}: {of.why}" if of.why else of.kind
         return f"{event.t:9.2f} s  {more}{said}"
     parts = [f"{of.kind} for {of.duration:.2f} s{_largest(of.changes)}"]
     if of.constraints:

@@ -90,12 +90,12 @@ def _safeguard(data: NamedArrays, guard: dict[str, float]) -> list[str]:
     return [f"  {'safeguard' if k == 0 else '':<15}{text}" for k, text in enumerate(answers)]
 
 
-def _vertices(found: Sequence[Mapping[str, Any]], constrained: bool, to_goal: bool) -> list[str]:
+def _vertices(vertices: Sequence[Mapping[str, Any]], constrained: bool, to_goal: bool) -> list[str]:
     """A line for each vertex, those with the fewest viable or successful runs first."""
-    if not found:
+    if not vertices:
         return []
-    worst_first = sorted(found, key=lambda v: (v["viable"], v["reached"]))
-    lines = ["", f"  of {found[0]['runs']} starts at each of {len(found)} vertices"]
+    worst_first = sorted(vertices, key=lambda v: (v["viable"], v["reached"]))
+    lines = ["", f"  of {vertices[0]['runs']} starts at each of {len(vertices)} vertices"]
     for vertex in worst_first[:SHOWN_VERTICES]:
         at = ", ".join(f"{n} {v:.4g}" for n, v in vertex["at"].items())
         counts = [f"viable {vertex['viable']}"] if constrained else []
@@ -103,8 +103,8 @@ def _vertices(found: Sequence[Mapping[str, Any]], constrained: bool, to_goal: bo
         if vertex["samples_relaxed"]:
             counts.append(f"no admissible input at {vertex['samples_relaxed']} samples")
         lines.append(f"    {at:<32} " + ", ".join(counts))
-    if len(found) > SHOWN_VERTICES:
-        lines.append(f"    no worse at the {len(found) - SHOWN_VERTICES} others (summary.json)")
+    if len(vertices) > SHOWN_VERTICES:
+        lines.append(f"    no worse at the {len(vertices) - SHOWN_VERTICES} others (summary.json)")
     return lines
 
 

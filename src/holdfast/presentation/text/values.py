@@ -50,38 +50,38 @@ def _set(share: float) -> str:
 
 def _parts_promise(promise: PartsPromise) -> list[str]:
     held = f"for {promise.horizon:g} s, with inputs held for {1000 * promise.sample_time:g} ms"
-    found = [
+    lines = [
         f"  promise        {100 * promise.promised.value:.3g} % of random states of the region are "
         "promised",
         f"    of those more than {promise.margin:g} inside, {promise.inside.count:,} of "
         f"{promise.inside.total:,} stay {held}",
     ]
     if promise.edge is not None:
-        found.append(
+        lines.append(
             f"    of the others that are promised, {promise.edge.count:,} of "
             f"{promise.edge.total:,} stay"
         )
     if promise.outside is not None:
-        found.append(
+        lines.append(
             f"    of those that are not promised the same law keeps "
             f"{promise.outside.count:,} of {promise.outside.total:,}"
         )
-    found.append(f"    {promise.conclusion}")
-    return found
+    lines.append(f"    {promise.conclusion}")
+    return lines
 
 
 def resting_text(
-    title: str, found: Sequence[RestingState], units: Mapping[str, str], drawn: bool, file: Path
+    title: str, states: Sequence[RestingState], units: Mapping[str, str], drawn: bool, file: Path
 ) -> str:
     """How many disturbances leave a place at rest, the least margin and that place, the file."""
-    held = [f for f in found if f.exists]
+    held = [f for f in states if f.exists]
     lines = [title, ""]
     if drawn:
-        share = 100.0 * len(held) / len(found)
+        share = 100.0 * len(held) / len(states)
         lines.append(
-            f"  at rest        in {len(held)} of {len(found)} drawn disturbances ({share:.1f} %)"
+            f"  at rest        in {len(held)} of {len(states)} drawn disturbances ({share:.1f} %)"
         )
-    lost = [f for f in found if not f.exists]
+    lost = [f for f in states if not f.exists]
     if lost:
         best = max(lost, key=lambda f: f.margin)
         lines += ["  no place       in " + best.words(units), f"  because        {best.missing}"]
@@ -195,16 +195,16 @@ def _worth(value: ValueFunction) -> list[tuple[str, str]]:
     """The results of further marches on the error of the answer, if they were requested."""
     report = value.report
     unit = report.value_unit
-    found = []
+    rows = []
     if report.error_largest is not None:
         shown = f"V up to {report.error_largest:.2g} {unit}, by a coarser grid"
-        found.append(("error", shown.replace(" 1,", ",")))
-        found.append(("boundary", _boundary_error(value)))
+        rows.append(("error", shown.replace(" 1,", ",")))
+        rows.append(("boundary", _boundary_error(value)))
     if report.inner_cells is not None:
-        found.append(("inner", f"eroded by {report.inner_cells} cells, the estimated error"))
+        rows.append(("inner", f"eroded by {report.inner_cells} cells, the estimated error"))
     if report.nodes_from_outside is not None:
-        found.append(("extrapolation", f"{report.nodes_from_outside:,} nodes depend on it"))
-    return found
+        rows.append(("extrapolation", f"{report.nodes_from_outside:,} nodes depend on it"))
+    return rows
 
 
 def _boundary_error(value: ValueFunction) -> str:

@@ -86,8 +86,8 @@ class Programmed:
         self.begin, self.end = programs.begin, programs.end
 
     def command(self, t: float, states: Array, alive: Alive) -> Array:
-        told = states[:, : len(self.programs.states)]  # not what the lag of actuators adds
-        return np.array(self.programs.answers(t, told.tolist(), alive.tolist()))
+        measured = states[:, : len(self.programs.states)]  # not what the lag of actuators adds
+        return np.array(self.programs.answers(t, measured.tolist(), alive.tolist()))
 
 
 Settings = dict[str, Any]
@@ -104,9 +104,9 @@ def composed_law(
     """
     filtering: Settings = {}
     with at(composer.file, "law"):
-        own = _external if "external" in spec.law else _own
-        own = _certified if "certificate" in spec.law else own
-        law = own(composer, spec, system, region)
+        compose = _external if "external" in spec.law else _own
+        compose = _certified if "certificate" in spec.law else compose
+        law = compose(composer, spec, system, region)
     felt = system.disturbance_names
     if spec.redesign is not None:
         law = _redesigned(composer, spec.redesign, law, region, system)
@@ -155,8 +155,8 @@ def _external(
     composer: Composer, spec: ScenarioSpec, system: System, region: Region | None
 ) -> Law | Switching:
     """The law that another controller hands its command."""
-    given = validated(ExternalSpec, dict(spec.law), composer.file, "law").external
-    return commanded(system, None if given is True else given)
+    external = validated(ExternalSpec, dict(spec.law), composer.file, "law").external
+    return commanded(system, None if external is True else external)
 
 
 def _certified(
@@ -166,8 +166,8 @@ def _certified(
     from holdfast.scenario.certificate import law_of_certificate  # with proofs
 
     goal = composer.region(spec.goal, "goal") if spec.goal is not None else None
-    known = {n: float(v) for n, v in spec.disturbance.items() if isinstance(v, (int, float))}
-    return law_of_certificate(composer.file, spec.law, system, region, goal, known)
+    numbers = {n: float(v) for n, v in spec.disturbance.items() if isinstance(v, (int, float))}
+    return law_of_certificate(composer.file, spec.law, system, region, goal, numbers)
 
 
 def _observed(
@@ -190,14 +190,14 @@ def _bounds_of_set(composer: Composer, spec: ObserverSpec, system: System) -> Se
         raise ScenarioError(
             "rate_bounds without error_bounds", expected="both, for a guaranteed set"
         )
-    found: Settings = {}
-    for key, known in units.items():
+    bounds: Settings = {}
+    for key, by_name in units.items():
         for name, value in getattr(spec, key).items():
             with at(composer.file, f"observer.{key}.{name}"):
-                if name not in known:
-                    raise ScenarioError("unknown name", remedy=suggestion(name, known))
-                found.setdefault(key, {})[name] = to_si(value, known[name])
-    return found
+                if name not in by_name:
+                    raise ScenarioError("unknown name", remedy=suggestion(name, by_name))
+                bounds.setdefault(key, {})[name] = to_si(value, by_name[name])
+    return bounds
 
 
 def _safeguarded(
@@ -296,11 +296,11 @@ def _redesigned(
         odd = sorted(unused)[0]
         raise ScenarioError(f"{file}: redesign.parameters.{odd}: no viable law has it")
 
-    def of(given: str | OutputsSpec, key: str) -> Law:
-        if isinstance(given, str):
-            return built[given]
+    def of(entry: str | OutputsSpec, key: str) -> Law:
+        if isinstance(entry, str):
+            return built[entry]
         with at(file, key):
-            return composer.outputs_law(key, given, key, composer.scope())
+            return composer.outputs_law(key, entry, key, composer.scope())
 
     viable = {k: of(v, f"redesign.viable.{k}") for k, v in spec.viable.items()}
     hold = of(spec.hold, "redesign.hold") if spec.hold else None
@@ -331,7 +331,7 @@ def _redesigned(
 def drawn_names(composer: Composer, system: System, spec: VariedSpec) -> dict[str, Parameter]:
     """The drawn names as parameters, for laws and goals whose expressions use them."""
     moving = {q.name for q in (*system.states, *system.inputs, *system.disturbances)}
-    found = {}
+    parameters = {}
     for name, draw in spec.ranges.items():
         with at(composer.file, f"varied.draws.{name}"):
             if name in moving:
@@ -339,8 +339,8 @@ def drawn_names(composer: Composer, system: System, spec: VariedSpec) -> dict[st
                     f"'{name}' is a state, an input or a disturbance", expected="a parameter"
                 )
             check_unit(draw.unit or "1")
-            found[name] = Parameter(name, draw.unit or "1", "drawn for every run", value=0.0)
-    return found
+            parameters[name] = Parameter(name, draw.unit or "1", "drawn for every run", value=0.0)
+    return parameters
 
 
 def drawn_ranges(composer: Composer, spec: VariedSpec) -> dict[str, tuple[float, float]]:
@@ -357,8 +357,8 @@ def drawn_ranges(composer: Composer, spec: VariedSpec) -> dict[str, tuple[float,
     return ranges
 
 
-def known_name(file: str, key: str, name: str, known: Iterable[str]) -> str:
-    if name not in (choices := list(known)):
+def known_name(file: str, key: str, name: str, names: Iterable[str]) -> str:
+    if name not in (choices := list(names)):
         raise ScenarioError(f"{file}: {key}: unknown name", remedy=suggestion(name, choices))
     return name
 
@@ -370,17 +370,17 @@ def in_si(file: str, key: str, value: object, units: Mapping[str, str], name: st
 
 
 def starts_of(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> Starts:
-    given = spec.starts
-    box = dict(given.box)
-    if given.every is not None:
-        box = dict.fromkeys(units, given.every) | box
+    table = spec.starts
+    box = dict(table.box)
+    if table.every is not None:
+        box = dict.fromkeys(units, table.every) | box
     return Starts(
         states=[
             {k: in_si(file, f"starts.states.{i}.{k}", v, units, k) for k, v in state.items()}
-            for i, state in enumerate(given.states)
+            for i, state in enumerate(table.states)
         ],
-        random=given.random,
-        active=[tuple(names) for names in given.active],
+        random=table.random,
+        active=[tuple(names) for names in table.active],
         box={
             k: (
                 in_si(file, f"starts.box.{k}", low, units, k),

@@ -70,7 +70,7 @@ from holdfast.scenario.schema.values import FlatOutputSpec, ParameterSpec, at, v
 
 def catalogue_entry(
     file: str,
-    known: Mapping[str, Parameter],
+    declared: Mapping[str, Parameter],
     catalogue: Sequence[Callable[..., Any]],
     table: Mapping[str, Any],
     key: str,
@@ -80,7 +80,7 @@ def catalogue_entry(
     """The catalogue entry that the table names, built with the table's parameters.
 
     Arguments that are not numbers (a vehicle, a dimension, a list of poles) are passed as they
-    are. A parameter `known` from elsewhere keeps its value unless given. `leading` holds what the
+    are. A parameter `declared` elsewhere keeps its value unless given. `leading` holds what the
     entry is built on, by default the system if it takes one. Raises `ScenarioError`.
     """
     by_name = {function.__name__: function for function in catalogue}
@@ -91,30 +91,30 @@ def catalogue_entry(
             remedy=suggestion(str(name), by_name),
         )
     function = by_name[name]
-    given = {k: v for k, v in table.items() if k != "name"}
+    settings = {k: v for k, v in table.items() if k != "name"}
     if leading is None:
         leading = (system,) if leading_argument(function) == "system" else ()
     structural, numeric = arguments(function, len(leading))
-    structure = {k: given.pop(k) for k in structural if k in given}
+    structure = {k: settings.pop(k) for k in structural if k in settings}
     build: Callable[..., Any] = partial(function, *leading, **structure)
-    if function in systems.ALL and "vehicle" in given:
+    if function in systems.ALL and "vehicle" in settings:
         with at(file, f"{key}.vehicle"):
-            build = of_vehicle(function, given.pop("vehicle"), structure)
+            build = of_vehicle(function, settings.pop("vehicle"), structure)
     # all at once: gains may be valid only together with their k1
-    plain = {k: known[k].value for k in numeric if k in known}
-    for parameter in [k for k in given if k in numeric]:
+    plain = {k: declared[k].value for k in numeric if k in declared}
+    for parameter in [k for k in settings if k in numeric]:
         with at(file, f"{key}.{parameter}"):
-            plain[parameter] = in_base_units(given[parameter])
+            plain[parameter] = in_base_units(settings[parameter])
     with at(file, key):
         try:
             standard = build(**plain)
         except DefinitionError:  # or else a unit that does not fit
-            plain = {k: v for k, v in plain.items() if not isinstance(given.get(k), str)}
+            plain = {k: v for k, v in plain.items() if not isinstance(settings.get(k), str)}
             standard = build(**plain)
         units = {p.name: p.unit for p in standard.parameters}
         accepted = accepted_parameters(function, units)
     values: dict[str, float] = {}
-    for parameter, value in given.items():
+    for parameter, value in settings.items():
         if parameter not in accepted:
             raise ScenarioError(
                 f"{file}: {key}.{parameter}: '{name}' has no such parameter",
@@ -123,8 +123,8 @@ def catalogue_entry(
         with at(file, f"{key}.{parameter}"):
             values[parameter] = to_si(value, units[parameter])
     for parameter in accepted:
-        if parameter in known and parameter not in values:
-            values[parameter] = known[parameter].value
+        if parameter in declared and parameter not in values:
+            values[parameter] = declared[parameter].value
     built = standard
     if values != plain:
         with at(file, key):
@@ -138,13 +138,13 @@ def flat_output(
     """The flat output, or None if the file declares none."""
     if spec is None:
         return None
-    found = []
+    outputs = []
     texts = {"first": spec.first} | {f"last.{i}": text for i, text in enumerate(spec.last)}
     for key, text in texts.items():
         with at(file, f"system.flat_output.{key}"):
-            found.append(parse_expression(text, dict(names)))
+            outputs.append(parse_expression(text, dict(names)))
     with at(file, "system.flat_output"):
-        return FlatOutput(found[0], tuple(found[1:]))
+        return FlatOutput(outputs[0], tuple(outputs[1:]))
 
 
 def scaled_region(file: str, region: Region, scales: object, key: str) -> Region:
@@ -154,8 +154,8 @@ def scaled_region(file: str, region: Region, scales: object, key: str) -> Region
             raise ScenarioError(
                 f"got {scales!r}", expected='a table, such as { too_far = "10 cm" }'
             )
-        found = {n: to_si(v, region.inequality(n).unit) for n, v in scales.items()}
-        return region.with_scales(found) if found else region
+        numbers = {n: to_si(v, region.inequality(n).unit) for n, v in scales.items()}
+        return region.with_scales(numbers) if numbers else region
 
 
 def without_obstacles(table: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -179,15 +179,15 @@ def obstacle_region(
         return [[to_si(c, "m") for c in corner] for corner in corners]
 
     with at(composer.file, key):
-        found: Region = obstacles(
+        outside: Region = obstacles(
             system,
             {name: metres(corners) for name, corners in spec.obstacles.items()},
             room=None if spec.room is None else metres(spec.room),
             clearance=to_si(spec.clearance, "m"),
             position=spec.position,
         )
-    composer.declare(found.parameters)
-    return found
+    composer.declare(outside.parameters)
+    return outside
 
 
 SHAPES: dict[str, tuple[Callable[..., region.Shape], tuple[str, ...]]] = {
@@ -201,25 +201,25 @@ MOVING = ("cone", "footprint")
 
 
 def composed_shape(
-    file: str, key: str, spec: ShapeSpec, names: Mapping[str, sp.Expr], known: Container[str]
+    file: str, key: str, spec: ShapeSpec, names: Mapping[str, sp.Expr], constants: Container[str]
 ) -> region.Shape:
-    """The shape of one table; `known` are the names that are constant during a run."""
+    """The shape of one table; `constants` are the names that are constant during a run."""
     if spec.kind not in MOVING:
-        names = {n: e for n, e in names.items() if n in known or n == "pi"}
+        names = {n: e for n, e in names.items() if n in constants or n == "pi"}
 
-    def parsed(given: Any) -> Any:
-        if isinstance(given, tuple | list):
-            return tuple(parsed(g) for g in given)
-        return parse_expression(given, names)
+    def parsed(written: Any) -> Any:
+        if isinstance(written, tuple | list):
+            return tuple(parsed(g) for g in written)
+        return parse_expression(written, names)
 
     shape, parts = SHAPES[spec.kind]
     values = []
     for part in parts:
-        given = getattr(spec, part)
-        if given is None:
+        written = getattr(spec, part)
+        if written is None:
             raise ScenarioError(f"{file}: {key}: a {spec.kind} needs '{part}'")
         with at(file, f"{key}.{part}"):
-            values.append(parsed(given))
+            values.append(parsed(written))
     return shape(spec.role, *values)
 
 
@@ -291,11 +291,11 @@ class Composer:
                 if not isinstance(spec, ParameterSpec):
                     spec = ParameterSpec(value=spec)
                 check_unit(spec.unit)
-                found = Parameter(
+                parameter = Parameter(
                     name, spec.unit, spec.description, value=to_si(spec.value, spec.unit),
                     source=spec.source, assumed=spec.assumed, gain=spec.gain,
                 )  # fmt: skip
-                result.append(found)
+                result.append(parameter)
         return tuple(result)
 
     def _quantities(
@@ -339,8 +339,8 @@ class Composer:
         for number, row in enumerate(spec.pfaffian):
             key = f"system.pfaffian.{number}"
             rhs = self._parsed({"rhs": row.rhs}, names, key)["rhs"]
-            given = self._parsed(row.coefficients, names, f"{key}.coefficients")
-            rows.append(PfaffianRow(given, rhs))
+            coefficients = self._parsed(row.coefficients, names, f"{key}.coefficients")
+            rows.append(PfaffianRow(coefficients, rhs))
         flat = flat_output(self.file, spec.flat_output, names)
         if rows and not spec.rates and not spec.inputs:
             moved = kinematic_system(
@@ -365,12 +365,12 @@ class Composer:
 
     def _measurements(self, spec: SystemSpec, names: Names) -> tuple[Measurement, ...]:
         result = []
-        for name, given in spec.measurements.items():
+        for name, entry in spec.measurements.items():
             with at(self.file, f"system.measurements.{name}"):
-                check_unit(given.unit)
-                expression = parse_expression(given.expression, names)
+                check_unit(entry.unit)
+                expression = parse_expression(entry.expression, names)
                 result.append(
-                    Measurement(name, given.unit, given.description, expression=expression)
+                    Measurement(name, entry.unit, entry.description, expression=expression)
                 )
         return tuple(result)
 
@@ -450,14 +450,14 @@ class Composer:
             return self.states
         system = self.system_built
         more = (*system.disturbances, *system.measurements) if system else ()
-        known = {q.name: q for q in (*self.states, *more)}
+        by_name = {q.name: q for q in (*self.states, *more)}
         for name in wanted:
-            if name not in known:
+            if name not in by_name:
                 raise ScenarioError(
                     f"{self.file}: law.reads: '{name}' is not a state, disturbance or measurement",
-                    remedy=suggestion(name, known),
+                    remedy=suggestion(name, by_name),
                 )
-        return tuple(known[name] for name in wanted)
+        return tuple(by_name[name] for name in wanted)
 
     def outputs_law(
         self,
@@ -478,8 +478,8 @@ class Composer:
 
     def region(self, table: Mapping[str, Any], key: str) -> Region:
         """[region] or [goal], with the limits of inputs that are states."""
-        own, placed = without_obstacles(table)
-        parts = [self._region(own, key)] if own or not placed else []
+        plain, placed = without_obstacles(table)
+        parts = [self._region(plain, key)] if plain or not placed else []
         parts += [obstacle_region(self, self.system_built, placed, key)] if placed else []
         return reduce(both, [*parts, self.limits] if key == "region" and self.limits else parts)
 
@@ -494,18 +494,20 @@ class Composer:
         self.declare((*self._parameters(spec.parameters, key), *drawn))
         names = self._with_definitions(spec.definitions, self.scope(), key)
         inequalities = []
-        for name, given in spec.constraints.items():
-            if not isinstance(given, InequalitySpec):
-                given = InequalitySpec(expression=given)
+        for name, constraint in spec.constraints.items():
+            if not isinstance(constraint, InequalitySpec):
+                constraint = InequalitySpec(expression=constraint)
             with at(self.file, f"{key}.constraints.{name}"):
-                check_unit(given.unit)
+                check_unit(constraint.unit)
                 inequalities.append(
                     Inequality(
                         name,
-                        parse_expression(given.expression, names),
-                        given.unit,
-                        given.description,
-                        None if given.scale is None else to_si(given.scale, given.unit),
+                        parse_expression(constraint.expression, names),
+                        constraint.unit,
+                        constraint.description,
+                        None
+                        if constraint.scale is None
+                        else to_si(constraint.scale, constraint.unit),
                     )
                 )
         shapes = tuple(
@@ -537,11 +539,13 @@ def composed_system(composer: Composer, table: Mapping[str, Any]) -> System:
     """The system of the table, reduced as given there, and registered with the composer."""
     system = composer.system({k: v for k, v in table.items() if k not in REDUCTIONS})
     if "keep" in table:
-        kept = table["keep"]
+        states = table["keep"]
         with at(composer.file, "system.keep"):
-            if not (isinstance(kept, list) and kept and all(isinstance(n, str) for n in kept)):
-                raise ScenarioError(f"got {kept!r}", expected='states, such as ["u", "v", "r"]')
-            system = subsystem(system, tuple(kept))
+            if not (
+                isinstance(states, list) and states and all(isinstance(n, str) for n in states)
+            ):
+                raise ScenarioError(f"got {states!r}", expected='states, such as ["u", "v", "r"]')
+            system = subsystem(system, tuple(states))
     if "promote" in table or "disturb" in table:
         inputs, box = _intervals(composer, system, table, "promote")
         felt, felt_box = _intervals(composer, system, table, "disturb")
@@ -582,15 +586,15 @@ def _numbers(
     composer: Composer, table: Mapping[str, Any], key: str, units: Mapping[str, str]
 ) -> dict[str, float]:
     """A number for each of the inputs or actuators named under `key`."""
-    given = table.get(key, {})
+    entries = table.get(key, {})
     with at(composer.file, f"system.{key}"):
-        if not isinstance(given, Mapping):
+        if not isinstance(entries, Mapping):
             vehicle = " or 'vehicle'" if key == "lag" else ""
-            raise ScenarioError(f"got {given!r}", expected=f"{{ input = number }}{vehicle}")
-        for name in given:
+            raise ScenarioError(f"got {entries!r}", expected=f"{{ input = number }}{vehicle}")
+        for name in entries:
             if name not in units:
                 raise ScenarioError("unknown name", remedy=suggestion(name, units))
-        return {name: to_si(value, units[name]) for name, value in given.items()}
+        return {name: to_si(value, units[name]) for name, value in entries.items()}
 
 
 def _intervals(
@@ -599,7 +603,7 @@ def _intervals(
     """The states named under `key`, and the box of their intervals."""
     if key not in table:
         return (), None
-    given = table[key]
+    intervals = table[key]
     inputs = {q.name: q.unit for q in system.inputs}
     units = {q.name: q.unit for q in system.states}
     if key == "extend":
@@ -607,10 +611,10 @@ def _intervals(
     if key == "unmodelled":
         units = {n: per_second(unit) for n, unit in units.items()} | inputs
     with at(composer.file, f"system.{key}"):
-        if not isinstance(given, Mapping) or not given:
-            raise ScenarioError(f"got {given!r}", expected="{ state = [lowest, highest] }")
+        if not isinstance(intervals, Mapping) or not intervals:
+            raise ScenarioError(f"got {intervals!r}", expected="{ state = [lowest, highest] }")
         sides = []
-        for name, interval in given.items():
+        for name, interval in intervals.items():
             if name not in units:
                 raise ScenarioError("unknown name", remedy=suggestion(name, units))
             if interval == STEADY and key == "promote":
@@ -623,4 +627,4 @@ def _intervals(
                 )
             sides.append([to_si(side, units[name]) for side in interval])
         low, high = zip(*sides, strict=True)
-        return tuple(given), Box(low, high)
+        return tuple(intervals), Box(low, high)

@@ -65,7 +65,8 @@ def composed_formation(file: str, spec: FormationSpec) -> Formation:
         free = environment(cells, radius)
     starts = [_pose(file, "leader.start", spec.leader.start)]
     starts += [
-        _pose(file, f"followers.starts.{i}", given) for i, given in enumerate(spec.followers.starts)
+        _pose(file, f"followers.starts.{i}", written)
+        for i, written in enumerate(spec.followers.starts)
     ]
     _check_together(file, free, starts)
     view = {
@@ -80,8 +81,8 @@ def composed_formation(file: str, spec: FormationSpec) -> Formation:
         name: _si(file, f"leader.{name}", getattr(spec.leader, name), unit)
         for name, unit in (("speed", "m/s"), ("gain", "1/s"), ("goal_radius", "m"))
     }
-    given = spec.leader.radius
-    arc = None if given is None else _si(file, "leader.radius", given, "m")
+    written = spec.leader.radius
+    arc = None if written is None else _si(file, "leader.radius", written, "m")
     for name, value in (*lead.items(), ("radius", 1.0 if arc is None else arc)):
         if not value > 0:
             raise ScenarioError(f"{file}: leader.{name}: {value:g}", expected="above 0")
@@ -120,21 +121,21 @@ def _si(file: str, key: str, value: object, unit: str) -> float:
         return to_si(value, unit)
 
 
-def _pose(file: str, key: str, given: Mapping[str, Any]) -> Pose:
+def _pose(file: str, key: str, pose: Mapping[str, Any]) -> Pose:
     units = {"x": "m", "y": "m", "theta": "rad"}
-    if set(given) != set(units):
-        odd = min(set(given) ^ set(units))
+    if set(pose) != set(units):
+        odd = min(set(pose) ^ set(units))
         raise ScenarioError(
             f"{file}: {key}: '{odd}' is " + ("missing" if odd in units else "not part of a pose"),
             expected="{ x, y, theta }",
         )
-    x, y, theta = (_si(file, f"{key}.{n}", given[n], unit) for n, unit in units.items())
+    x, y, theta = (_si(file, f"{key}.{n}", pose[n], unit) for n, unit in units.items())
     return x, y, theta
 
 
 def _check_together(file: str, free: Environment, starts: list[Pose]) -> None:
     """All robots have to start in one cell, since followers do not plan a way between cells."""
-    found = []
+    places = []
     for name, (x, y, _) in zip(robot_names(len(starts) - 1), starts, strict=True):
         who = "the leader" if name == "L" else f"follower {name}"
         cells = free.cells_at((x, y))
@@ -143,9 +144,9 @@ def _check_together(file: str, free: Environment, starts: list[Pose]) -> None:
                 f"{file}: {who} starts at ({x:g}, {y:g}), outside the free space of a robot",
                 expected=f"in a cell, at least {free.robot_radius:g} m from its walls",
             )
-        found.append((who, cells))
-    if not set.intersection(*(cells for _, cells in found)):
-        shown = ", ".join(f"{who} in '{free.cells[min(cells)].name}'" for who, cells in found)
+        places.append((who, cells))
+    if not set.intersection(*(cells for _, cells in places)):
+        shown = ", ".join(f"{who} in '{free.cells[min(cells)].name}'" for who, cells in places)
         raise ScenarioError(
             f"{file}: the robots start in different cells: {shown}", expected="all of them in one"
         )
@@ -197,10 +198,10 @@ def _check_speeds(
 ) -> None:
     """Refuse a leader faster than its follower assumes, or than its own limit."""
     limits = {p.name: p.value for p in system.parameters}
-    told = {p.name: p.value for p in laws[0].parameters}.get("leader_speed", math.inf)
+    assumed = {p.name: p.value for p in laws[0].parameters}.get("leader_speed", math.inf)
     turn = max((speed / c.radius for c in corners), default=0.0)
     for value, limit, unit, what in (
-        (speed, told, "m/s", "its follower assumes leader_speed ="),
+        (speed, assumed, "m/s", "its follower assumes leader_speed ="),
         (speed, limits["speed_limit"], "m/s", "it can do"),
         (turn, limits["turn_limit"], "rad/s", "on its arcs; it can do"),
     ):
@@ -237,14 +238,14 @@ def _laws(file: str, spec: FormationSpec, view: Mapping[str, float]) -> tuple[La
             )
     laws = []
     for i in range(count):
-        told = law
+        follower_law = law
         if speeds is not None:
             key = f"followers.leader_speeds.{i}"
             speed = _si(file, key, speeds[i], "m/s")
             with at(file, key):
-                told = _told(law, speed)
-        _check_gains(file, spec, told, i + 1, view)
-        laws.append(told)
+                follower_law = _told(law, speed)
+        _check_gains(file, spec, follower_law, i + 1, view)
+        laws.append(follower_law)
     return tuple(laws)
 
 
@@ -290,7 +291,7 @@ def _arrived(
     """The leader at its goal, every follower at its distance from the one before it."""
     x, y = symbol("xL") - symbol("goal_x"), symbol("yL") - symbol("goal_y")
     measured = {m.name: m.expression for m in system.measurements}
-    kept = [p for p in parameters if p.name in ("goal_x", "goal_y", "goal_radius")]
+    used = [p for p in parameters if p.name in ("goal_x", "goal_y", "goal_radius")]
     places = [
         Inequality(
             f"place{k}",
@@ -306,7 +307,7 @@ def _arrived(
             Inequality("goal", sp.sqrt(x**2 + y**2) - 2 * symbol("goal_radius"), "m"),
             *places,
         ),
-        parameters=tuple(kept),
+        parameters=tuple(used),
         description="the leader at its goal, every follower in its place",
         source="thesis section 6.5",
     )

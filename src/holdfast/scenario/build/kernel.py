@@ -105,8 +105,8 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
     elif asked is not None:
         options["times"] = [seconds(v, "march.times") for v in asked]
     for key in ("arrival_steps", "disturbances"):
-        if (given := getattr(spec.march, key)) is not None:
-            options[key] = given
+        if (setting := getattr(spec.march, key)) is not None:
+            options[key] = setting
     promised: dict[str, Any] | None = None
     if spec.promise is not None:
         p = spec.promise
@@ -122,10 +122,10 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
         with at(file, "promise"):
             Settings(promised.get("horizon", horizon), held, record_every=held)
         if p.margin is not None:
-            found = about["goal"] or about["region"]
-            assert found is not None
+            within = about["goal"] or about["region"]
+            assert within is not None
             with at(file, "promise.margin"):
-                promised["margin"] = depth_inside(p.margin, found)
+                promised["margin"] = depth_inside(p.margin, within)
     for name in spec.figures.plane or ():
         state(name, 0.0, "figures.plane")
     for name in spec.figures.inputs:
@@ -175,10 +175,10 @@ def _apart(file: str, spec: KernelSpec, units: Mapping[str, str]) -> Apart:
 
     def number(name: str, value: object, key: str) -> float:
         with at(file, key):
-            own = [n for n in units if name == n or name.startswith(f"{n}_")]
-            if not own:
+            matching = [n for n in units if name == n or name.startswith(f"{n}_")]
+            if not matching:
                 raise ScenarioError("unknown name", remedy=suggestion(name, units))
-            return to_si(value, units[max(own, key=len)])
+            return to_si(value, units[max(matching, key=len)])
 
     def interval(name: str, ends: Sequence[object], key: str) -> tuple[float, float]:
         low, high = (number(name, e, f"{key}.{name}") for e in ends)

@@ -54,12 +54,12 @@ if TYPE_CHECKING:
 
 def check_kernels(file: str, data: Mapping[str, Any]) -> None:
     """Refuse [kernels] of a name that no key `kernel` of the file uses: it would have no effect."""
-    known = set(_named(data))
+    named = set(_named(data))
     for name in _altered(data):
-        if name not in known:
+        if name not in named:
             raise ScenarioError(
                 f"{file}: kernels.{name}: no [safety] or [compare] names this kernel",
-                remedy=suggestion(name, known),
+                remedy=suggestion(name, named),
             )
 
 
@@ -269,8 +269,8 @@ def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None)
     if runs is not None:
         if runs < 1:
             raise ScenarioError(f"--runs is {runs}", expected="at least 1")
-        given = spec.starts.states[:runs]
-        starts = spec.starts.model_copy(update={"states": given, "random": runs - len(given)})
+        states = spec.starts.states[:runs]
+        starts = spec.starts.model_copy(update={"states": states, "random": runs - len(states)})
         spec = spec.model_copy(update={"starts": starts})
         text += f"# runs: {runs}\n"
     return _composed(shown, text, spec)

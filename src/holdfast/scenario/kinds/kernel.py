@@ -177,8 +177,8 @@ class KernelScenario(SetScenario):
     def report(self, answer: KernelResult, files: Sequence[Path]) -> str:
         from holdfast.presentation.text.values import value_text
 
-        told = list(files)
-        return value_text(answer.value, answer.promise, self.begun, told, untried=answer.untried)
+        listed = list(files)
+        return value_text(answer.value, answer.promise, self.begun, listed, untried=answer.untried)
 
     def complaints(self, answer: KernelResult) -> list[str]:
         if answer.trouble:
@@ -202,18 +202,20 @@ class KernelScenario(SetScenario):
         """The size of the set, the outcome of the march, and the result of the promise."""
         answer = self._tried(None, by_default=False)
         report = answer.value.report
-        known = (
+        numbers = (
             ("fraction", answer.value.fraction(), "1", "share of the grid in the set"),
             ("volume", answer.value.volume(), "1", "volume of the set"),
             ("answered", answer.answers(self), "1", "1 where the set asked for was found"),
             ("converged", report.converged, "1", "1 where nothing changes any more"),
             ("reached", report.reached_s, "s", "time marched"),
         )
-        found = {name: Entry("most", float(v), 0.0, unit, says) for name, v, unit, says in known}
+        entries = {
+            name: Entry("most", float(v), 0.0, unit, says) for name, v, unit, says in numbers
+        }
         for k, trials in enumerate(answer.promise.inside if answer.promise else ()):
             says = f"share kept inside the set against {trials.what}"
-            found[f"kept_{k}"] = Entry("share", trials.kept.count, trials.kept.total, "1", says)
-        return found
+            entries[f"kept_{k}"] = Entry("share", trials.kept.count, trials.kept.total, "1", says)
+        return entries
 
 
 def is_kernel(file: str, data: Mapping[str, Any]) -> bool:
@@ -225,10 +227,10 @@ def _compose(
     file: str, text: str, data: dict[str, Any], runs: int | None, seed: int | None
 ) -> KernelScenario | PartsScenario:
     more = {"runs": runs, "seed": seed}
-    given = {k: v for k, v in more.items() if v is not None}
-    if given and "promise" not in data:
-        raise ScenarioError(f"--{min(given)}: {file} has no [promise]", remedy="leave it out")
-    changes = [f"promise.{k}={v}" for k, v in given.items()]
+    options = {k: v for k, v in more.items() if v is not None}
+    if options and "promise" not in data:
+        raise ScenarioError(f"--{min(options)}: {file} has no [promise]", remedy="leave it out")
+    changes = [f"promise.{k}={v}" for k, v in options.items()]
     text, data = overridden(text, data, changes)
     if "decompose" in data:
         return PartsScenario(file=file, text=text, **kernel_parts(file, data))

@@ -78,9 +78,9 @@ class SetScenario(Composed):
     @property
     def about(self) -> Region:
         """The value function that the march begins with."""
-        found = self.goal or self.origin or self.region
-        assert found is not None
-        return found
+        region = self.goal or self.origin or self.region
+        assert region is not None
+        return region
 
     def trouble(self, answer: Any) -> str:
         trouble: str = answer.trouble
@@ -90,9 +90,9 @@ class SetScenario(Composed):
         return replace(self, options={**self.options, "device": device})
 
     def marched_on(self, *, cluster: Any = None, on_disk: Path | None = None) -> Self:
-        given = {"cluster": cluster, "on_disk": on_disk}
-        found = {k: v for k, v in given.items() if v is not None}
-        return replace(self, options={**self.options, **found})
+        choices = {"cluster": cluster, "on_disk": on_disk}
+        chosen = {k: v for k, v in choices.items() if v is not None}
+        return replace(self, options={**self.options, **chosen})
 
     @property
     def uses_all_cores(self) -> bool:
@@ -104,8 +104,8 @@ class SetScenario(Composed):
 
     @property
     def given(self) -> Mapping[str, Any]:
-        found: Mapping[str, Any] = self.options.get("disturbance", {})
-        return found
+        disturbance: Mapping[str, Any] = self.options.get("disturbance", {})
+        return disturbance
 
 
 @dataclass(frozen=True)
@@ -123,13 +123,13 @@ class PartsResult:
             {"states": list(s.value.names), "coordinates": _texts(s.part.coordinates), "set": v}
             for s, v in ((s, s.value.summary()) for parts in self.value.parts for s in parts)
         ]
-        found: dict[str, Any] = {
+        table: dict[str, Any] = {
             "verdict": whole.verdict,
             "guarantee": whole.guarantee,
             "reasons": list(whole.reasons),
             "parts": parts,
         }
-        return found | ({"promise": self.promise.summary()} if self.promise else {})
+        return table | ({"promise": self.promise.summary()} if self.promise else {})
 
 
 def _told(whole: Decomposition, number: int) -> str:
@@ -208,7 +208,7 @@ class PartsScenario(SetScenario):
         tried = {"horizon": self.horizon, **self.trials}
         try:
             with at(self.file, "promise"):
-                found = check_parts(
+                promise = check_parts(
                     value,
                     self.region,
                     box_of_starts(value),
@@ -218,15 +218,15 @@ class PartsScenario(SetScenario):
                 )
         except ScenarioError as error:  # the marches were long: their values are not thrown away
             return PartsResult(value, None, str(error))
-        return PartsResult(value.tried(found), found)
+        return PartsResult(value.tried(promise), promise)
 
     def _tried_by_default(self, value: PartsValue) -> PartsResult:
         """For about a second; what cannot be tried was not asked for."""
         try:
-            found = default_parts_promise(value)
+            promise = default_parts_promise(value)
         except SimulationError:
             return PartsResult(value, None)
-        return PartsResult(value if found is None else value.tried(found), found)
+        return PartsResult(value if promise is None else value.tried(promise), promise)
 
     def write(
         self, answer: PartsResult, folder: Path, *, figures: bool = True, bar: Bar | None = None
@@ -249,14 +249,14 @@ class PartsScenario(SetScenario):
             if plane is not None and not set(plane) <= set(value.names):
                 plane = None
             held = {n: v for n, v in self.held.items() if n in value.names}
-            known = set(plane or value.names[:2]) <= set(whole.system.state_names)
+            in_states = set(plane or value.names[:2]) <= set(whole.system.state_names)
             begun = set_on_grid(part.about, value.grid, **alike)
             drawn = value_function_figure(
                 value.reported(system=_told(whole, k)),
                 plane=plane,
                 at=held or None,
                 others={part.about.name.replace("_", " "): begun},
-                scene=self.about.scene if known else (),
+                scene=self.about.scene if in_states else (),
                 parameters={q.name: q.value for q in self.about.parameters},
             )
             files += style.write(drawn, folder, f"set_{k}")
@@ -281,7 +281,7 @@ class PartsScenario(SetScenario):
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
         """The sizes of the sets of the parts, and the result of the promise."""
         answer = self.run()
-        found = {
+        entries = {
             f"fraction_{k}": Entry(
                 "most", float(v.fraction()), 0.0, "1", "share of the part's grid in its set"
             )
@@ -292,5 +292,5 @@ class PartsScenario(SetScenario):
                 ("promised", promise.promised, "share of the region's states that is promised"),
                 ("kept", promise.inside, "share kept inside the set"),
             ):
-                found[name] = Entry("share", rate.count, rate.total, "1", says)
-        return found
+                entries[name] = Entry("share", rate.count, rate.total, "1", says)
+        return entries

@@ -278,8 +278,8 @@ class VariedSpec(Section):
     def ranges(self) -> dict[str, DrawSpec]:
         """Every draw as a range, with a unit where one is given."""
         return {
-            name: given if isinstance(given, DrawSpec) else DrawSpec(range=given)
-            for name, given in self.draws.items()
+            name: draw if isinstance(draw, DrawSpec) else DrawSpec(range=draw)
+            for name, draw in self.draws.items()
         }
 
 

@@ -38,9 +38,9 @@ PAIR = "pair"
 def _two(what: str) -> WrapValidator:
     """Answer every error in an array of two with its expected form."""
 
-    def check(given: object, handler: Callable[[object], object]) -> object:
+    def check(pair: object, handler: Callable[[object], object]) -> object:
         try:
-            return handler(given)
+            return handler(pair)
         except ValidationError:
             raise PydanticCustomError(PAIR, "two " + what) from None
 
@@ -77,24 +77,24 @@ class Section(BaseModel):
     def _with_former_keys(cls, data: object) -> object:
         if not isinstance(data, Mapping):
             return data
-        given = dict(data)
+        table = dict(data)
         for former, (key, values) in cls.renamed.items():
-            if former not in given:
+            if former not in table:
                 continue
-            value = given.pop(former)
-            if key in given:
+            value = table.pop(former)
+            if key in table:
                 raise ValueError(f"either '{key}' or its former name '{former}'")
             if values and value not in values:
                 raise ValueError(f"{former} = {' or '.join(map(repr, values))}, now '{key}'")
-            given[key] = values[value] if values else value
-            shown = f" = {str(given[key]).lower()}" if values else ""
+            table[key] = values[value] if values else value
+            shown = f" = {str(table[key]).lower()}" if values else ""
             warnings.warn(
                 f"the key '{former}' is now '{key}': write {key}{shown}; the former goes with "
                 "the next release",
                 RenamedWarning,
                 stacklevel=2,
             )
-        return given
+        return table
 
 
 class NoiseSpec(Section):
@@ -187,8 +187,8 @@ def _complaint(
     path = _keys(data, error["loc"])
     key = ".".join([prefix, *path] if prefix else path) or "the file"
     if error["type"] == "extra_forbidden":
-        known = _known_keys(model, error["loc"])
-        return ScenarioError(f"{file}: {key}: unknown key", remedy=suggestion(path[-1], known))
+        keys = _known_keys(model, error["loc"])
+        return ScenarioError(f"{file}: {key}: unknown key", remedy=suggestion(path[-1], keys))
     if error["type"] == "missing":
         return ScenarioError(f"{file}: {key}: missing key", remedy="add it")
     shown = repr(error["input"])

@@ -50,9 +50,9 @@ class _Solved(KernelScenario):
     stored: Path = field(kw_only=True)
 
     def solve(self, progress: Progress | None = None) -> ValueFunction:
-        found = load(self.stored)
-        assert isinstance(found, ValueFunction)
-        return found
+        value = load(self.stored)
+        assert isinstance(value, ValueFunction)
+        return value
 
 
 def explored(spec: TrialSpec) -> str:
@@ -78,10 +78,10 @@ def write_explorers(
     written, and if the operating system killed a process.
     """
     wanted = {
-        explored(spec): (spec.model_dump(), found.folder)
+        explored(spec): (spec.model_dump(), stored.folder)
         for j in judged
-        for spec, found in j.trials
-        if spec.scenario is not None and found.number is not None
+        for spec, stored in j.trials
+        if spec.scenario is not None and stored.number is not None
     }
     there = folder / FOLDER
     make_folder(there)
@@ -102,7 +102,7 @@ def write_explorers(
                 write_text(_refused(there, name) if refusal else _page(there, name), page + refusal)
                 del missing[name]
                 tell("pages to drag")
-    return {name: found for name in wanted if (found := _read(there, name)) is not None}
+    return {name: stored for name in wanted if (stored := _read(there, name)) is not None}
 
 
 def _page(folder: Path, name: str) -> Path:
@@ -131,8 +131,8 @@ def _explored(asked: tuple[Mapping[str, Any], Path]) -> tuple[str, str]:
     try:
         loaded = load_scenario(spec.scenario, spec.set, spec.runs)
         if isinstance(loaded, KernelScenario):
-            own = {f.name: getattr(loaded, f.name) for f in fields(loaded)}
-            loaded = _Solved(**own, stored=asked[1] / "result.nc")
+            attributes = {f.name: getattr(loaded, f.name) for f in fields(loaded)}
+            loaded = _Solved(**attributes, stored=asked[1] / "result.nc")
         return page_of(loaded, spec.scenario, spec.set), ""
     except HoldfastError as error:
         return "", error.cause
@@ -203,22 +203,22 @@ def _shown(judged: Judged, folder: Path, explorers: Mapping[str, Explorer]) -> d
         "kind": (judged.verdict or "no answer").replace(" ", "-"),
         "problems": judged.problems,
         "trials": [
-            _trial(role, spec, found) | _dragged(explorers.get(explored(spec)), folder)
-            for role, (spec, found) in zip(ROLES, judged.trials, strict=False)
+            _trial(role, spec, outcome) | _dragged(explorers.get(explored(spec)), folder)
+            for role, (spec, outcome) in zip(ROLES, judged.trials, strict=False)
         ],
     }
 
 
-def _trial(role: str, spec: TrialSpec, found: Found) -> dict[str, Any]:
+def _trial(role: str, spec: TrialSpec, outcome: Found) -> dict[str, Any]:
     low, high = spec.needs
-    drawn = found.folder / "interactive.json"
+    drawn = outcome.folder / "interactive.json"
     interactive = json.loads(drawn.read_text("utf-8")) if drawn.exists() else None
     about = (interactive or {}).get("layout", {}).get("meta", {})
     return {
         "says": spec.says or role,
-        "number": _number(found),
-        "refusal": found.refusal,
-        "holds": found.within(spec),
+        "number": _number(outcome),
+        "refusal": outcome.refusal,
+        "holds": outcome.within(spec),
         "needs": f"{low:g}" if low == high else f"{low:g} to {high:g}",
         "recorded": f"{spec.recorded:.4g}",
         "unit": "" if spec.unit == "1" else spec.unit,
@@ -226,7 +226,7 @@ def _trial(role: str, spec: TrialSpec, found: Found) -> dict[str, Any]:
         "command": command(spec),
         "scenario": spec.scenario,
         "text": read_text(spec.scenario)[1] if spec.scenario else "",
-        "figures": [picture(found.folder / f"{n}.png") for n in SHOWN if n in found.figures],
+        "figures": [picture(outcome.folder / f"{n}.png") for n in SHOWN if n in outcome.figures],
         "interactive": interactive,
         "tall": about.get("tall"),
         "drawn": about.get("says"),
@@ -253,7 +253,7 @@ def command(spec: TrialSpec) -> str:
     return shlex.join(words)
 
 
-def _number(found: Found) -> str:
-    if found.number is not None:
-        return f"{found.number:.4g}"
-    return "refused" if found.refusal else "none"
+def _number(outcome: Found) -> str:
+    if outcome.number is not None:
+        return f"{outcome.number:.4g}"
+    return "refused" if outcome.refusal else "none"

@@ -64,17 +64,17 @@ class Judged:
     @property
     def trials(self) -> tuple[tuple[TrialSpec, Found], ...]:
         """The specification of every trial, and its result."""
-        found = [(self.claim.stated, self.stated)]
+        pairs = [(self.claim.stated, self.stated)]
         if self.claim.conditioned is not None and self.conditioned is not None:
-            found.append((self.claim.conditioned, self.conditioned))
-        return tuple(found)
+            pairs.append((self.claim.conditioned, self.conditioned))
+        return tuple(pairs)
 
     @property
     def verdict(self) -> str:
         """The verdict from the numbers; "" without numbers."""
-        if any(found.trouble for _, found in self.trials):
+        if any(outcome.trouble for _, outcome in self.trials):
             return ""
-        holds = [found.within(spec) for spec, found in self.trials]
+        holds = [outcome.within(spec) for spec, outcome in self.trials]
         if holds[0]:
             return HOLDS
         return CONDITION if any(holds) else FAILS
@@ -82,7 +82,7 @@ class Judged:
     @property
     def problems(self) -> tuple[str, ...]:
         """The differences from the record."""
-        said = [found.trouble for _, found in self.trials if found.trouble]
+        said = [outcome.trouble for _, outcome in self.trials if outcome.trouble]
         if said:
             return tuple(said)
         if self.verdict != self.claim.verdict:
@@ -90,9 +90,9 @@ class Judged:
         said += [
             "it is not refused"
             if spec.refused
-            else f"{found.number:.6g}, recorded: {spec.recorded:g} +- {spec.within:g}"
-            for spec, found in self.trials
-            if not found.as_recorded(spec)
+            else f"{outcome.number:.6g}, recorded: {spec.recorded:g} +- {spec.within:g}"
+            for spec, outcome in self.trials
+            if not outcome.as_recorded(spec)
         ]
         return tuple(said)
 
@@ -147,13 +147,13 @@ def reproduce(
             for key, _ in answers(pool, _run, asked, len(asked), lambda: tell("reproducing")):
                 name = missing.pop(key).scenario
                 tell(name or "reproducing")
-    found = {key: _read(place) for key, place in places.items()}
+    outcomes = {key: _read(place) for key, place in places.items()}
     return tuple(
         Judged(
             number,
             claim,
-            found[digest(claim.stated)],
-            found[digest(claim.conditioned)] if claim.conditioned is not None else None,
+            outcomes[digest(claim.stated)],
+            outcomes[digest(claim.conditioned)] if claim.conditioned is not None else None,
         )
         for number, claim in claims
     )
@@ -236,15 +236,15 @@ def number_in(said: object, where: str) -> float:
 def _leaf(said: object, where: str) -> float:
     for name in where.split(".") if where else ():
         if isinstance(said, Mapping):
-            known, found = list(said), said.get(name)
+            names, inner = list(said), said.get(name)
         elif isinstance(said, Sequence):
-            known = [str(i) for i in range(len(said))]
-            found = said[int(name)] if name in known else None
+            names = [str(i) for i in range(len(said))]
+            inner = said[int(name)] if name in names else None
         else:
-            known, found = [], getattr(said, name, None)
-        if found is None:
-            raise ScenarioError(f"unknown name '{name}'", expected=", ".join(map(str, known)))
-        said = found
+            names, inner = [], getattr(said, name, None)
+        if inner is None:
+            raise ScenarioError(f"unknown name '{name}'", expected=", ".join(map(str, names)))
+        said = inner
     if not isinstance(said, int | float):
         raise ScenarioError(f"{said!r} is not a number")
     return float(said)

@@ -19,5 +19,5 @@ __all__ = ["Scheme", "schemes"]
 def schemes() -> Mapping[str, Scheme]:
     """Every scheme by its name, the one with the fewest ghosts first."""
     names = [m.name for m in iter_modules([str(Path(__file__).parent)]) if m.name != "base"]
-    found: list[Scheme] = [import_module(f"{__name__}.{name}").SCHEME for name in names]
-    return {s.name: s for s in sorted(found, key=lambda s: (s.ghosts, s.name))}
+    all_schemes: list[Scheme] = [import_module(f"{__name__}.{name}").SCHEME for name in names]
+    return {s.name: s for s in sorted(all_schemes, key=lambda s: (s.ghosts, s.name))}

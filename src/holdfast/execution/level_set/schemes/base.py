@@ -41,9 +41,9 @@ class Scheme:
         steps = Steps(expanded=True, single=single)
         nodes = [steps.input(f"n{i}") for i in range(2 * self.ghosts)]
         differences = [b - a for a, b in pairwise(nodes)]
-        found = [*self.slopes(*differences), *differences[self.ghosts - 1 :][: int(plain)]]
+        results = [*self.slopes(*differences), *differences[self.ghosts - 1 :][: int(plain)]]
         arguments = {f"n{i}": [f"n{i}"] for i in range(MOST_NODES)}
-        return Leaf(steps, arguments, found, single=single, algebraic=True, fused=True)
+        return Leaf(steps, arguments, results, single=single, algebraic=True, fused=True)
 
 
 EXPONENT, OF_INVERSE = 0x7FF << 52, 0x7FE << 52

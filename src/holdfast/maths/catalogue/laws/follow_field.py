@@ -33,14 +33,14 @@ def follow_field(
 
     Raises `DefinitionError` for any other system, and names the missing property.
     """
-    found = structure(system, moment)
-    pieces = alignment(found)
+    constraint = structure(system, moment)
+    pieces = alignment(constraint)
     if isinstance(pieces, str):
         raise DefinitionError(f"no field-following law for system '{system.name}': {pieces}")
     return Law(
         name="follow_field",
-        reads=found.coordinates,
-        outputs=law_outputs(system, found, pieces),
+        reads=constraint.coordinates,
+        outputs=law_outputs(system, constraint, pieces),
         parameters=(
             Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
             Parameter("k", "1/s", "decay rate of the misalignment", value=k, above=0),

@@ -188,7 +188,7 @@ def hold_station(
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
     s = {n: symbol(n) for n in ("current_x", "current_y", "r0", "r1", "lam")}
     k = {n: symbol(n) for n in ("k1", "k2", "k3", "k4", "k5")}
-    told = tuple(q for q in system.disturbances if measured and q.name in ("Vx", "Vy"))
+    sensed = tuple(q for q in system.disturbances if measured and q.name in ("Vx", "Vy"))
     vx, vy = current = (
         (symbol("Vx"), symbol("Vy")) if measured else (s["current_x"], s["current_y"])
     )
@@ -246,7 +246,7 @@ def hold_station(
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
         outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}
         believed = dict(zip(("Vx", "Vy"), current, strict=True))
-        reads = (*vehicle.reads, *told)
+        reads = (*vehicle.reads, *sensed)
         return Law(mode, reads, outputs, parameters, conditions=conditions, believed=believed)
 
     upstream = angle(p[1], p[0], UNSEEN)

@@ -42,8 +42,8 @@ def steer_by_chained_form(
 
     Raises `DefinitionError` when no pair of states begins and ends a chain, with the reason.
     """
-    found = structure(system)
-    search = find_chained_form(found)
+    constraint = structure(system)
+    search = find_chained_form(constraint)
     if search.found is None:
         raise DefinitionError(
             f"no chained coordinates found for system '{system.name}': {search.reason}"
@@ -51,9 +51,9 @@ def steer_by_chained_form(
     form = search.found.written_out()
     law = steer_in_chained_coordinates(
         "steer_by_chained_form",
-        found.coordinates,
+        constraint.coordinates,
         form.coordinates,
-        {u.name: ab for u, ab in zip(found.inputs, form.coefficients, strict=True)},
+        {u.name: ab for u, ab in zip(constraint.inputs, form.coefficients, strict=True)},
         k1=k1,
         poles=poles,
         gains=gains,

@@ -46,13 +46,13 @@ def steer_marine(
     """
     if not isinstance(measured, bool):
         raise DefinitionError(f"measured of steer_marine is {measured!r}", expected="true or false")
-    told = tuple(q for q in system.disturbances if measured and q.name in ("Vx", "Vy"))
-    if measured and len(told) != 2:
+    sensed = tuple(q for q in system.disturbances if measured and q.name in ("Vx", "Vy"))
+    if measured and len(sensed) != 2:
         raise DefinitionError(
             f"steer_marine has to measure the current, but system '{system.name}' has none",
             expected="disturbances Vx and Vy",
         )
-    vx, vy = (q.symbol for q in told) if measured else (sp.S.Zero, sp.S.Zero)
+    vx, vy = (q.symbol for q in sensed) if measured else (sp.S.Zero, sp.S.Zero)
     x, y, psi, v = (symbol(n) for n in ("x", "y", "psi", "v"))
     s = {n: symbol(n) for n in ("goal_x", "goal_y", "k1", "mu", "k2", "lam")}
     x1, y1 = x - s["goal_x"], y - s["goal_y"]
@@ -66,7 +66,7 @@ def steer_marine(
     system.quantities(needed, "steer_marine")
     return Law(
         name="steer_marine",
-        reads=(*system.quantities(("x", "y", "psi", "v"), "steer_marine"), *told),
+        reads=(*system.quantities(("x", "y", "psi", "v"), "steer_marine"), *sensed),
         outputs={"u": surge, "r": -s["k2"] * wrap(psi - phi) + turn},
         parameters=(
             Parameter("goal_x", "m", "goal position", value=goal_x),

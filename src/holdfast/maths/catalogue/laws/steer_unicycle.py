@@ -82,13 +82,13 @@ def align_unicycle(
     tanh(rho), with which some starts leave on lines that lead far away; "toward" takes the
     sense of (4.14). For rho < `freeze` [m], v = 0 and r = -k psi. k in 1/s.
     """
-    for what, value, known in (
+    for what, value, choices in (
         ("output", output, ("h", "angle")),
         ("travel", travel, ("toward", "forward")),
     ):
-        if value not in known:
+        if value not in choices:
             raise DefinitionError(
-                f"{what} of align_unicycle is {value!r}", expected=" or ".join(map(repr, known))
+                f"{what} of align_unicycle is {value!r}", expected=" or ".join(map(repr, choices))
             )
     x, y, psi = _pose("align_unicycle", system)
     s = {n: symbol(n) for n in ("k", "epsilon", "freeze")}

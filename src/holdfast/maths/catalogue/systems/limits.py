@@ -59,8 +59,8 @@ class Limit:
 
 def limited(*limits: Limit) -> tuple[tuple[Parameter, ...], Bounds | None]:
     """The parameters of the limits, and the bounds of the inputs: None where there is no limit."""
-    given = tuple(p for limit in limits for p in limit.parameters)
-    if not given:
+    parameters = tuple(p for limit in limits for p in limit.parameters)
+    if not parameters:
         return (), None
     lower, upper = zip(*(limit.ends for limit in limits), strict=True)
-    return given, Box(lower, upper)
+    return parameters, Box(lower, upper)

@@ -76,12 +76,12 @@ def marine_craft(vehicle: str = "otter", **overrides: float) -> System:
     Raises `ScenarioError` for an unknown vehicle or name, `DefinitionError` for thrusters that give
     no surge force or no yaw moment, and for an M that is not positive definite.
     """
-    found = vehicle_for(vehicle, {**PARAMETERS, **THRUSTER}, "marine_craft", OPTIONAL)
-    numbers = dict(found.parameters)
+    craft = vehicle_for(vehicle, {**PARAMETERS, **THRUSTER}, "marine_craft", OPTIONAL)
+    numbers = dict(craft.parameters)
     for name in set(overrides) & set(OPTIONAL) - set(numbers):
         unit, meaning, above = PARAMETERS[name]
         numbers[name] = Parameter(name, unit, meaning, value=1.0, above=above)
-    for name, table in found.thrusters.items():
+    for name, table in craft.thrusters.items():
         _check_name(vehicle, name)
         numbers |= _of_thruster(name, table)
     numbers = overridden(numbers, overrides, "marine_craft")
@@ -94,14 +94,14 @@ def marine_craft(vehicle: str = "otter", **overrides: float) -> System:
             t["direction"].value,
             *(numbers[f"{name}_{side}"].symbol for side in LIMITS),
         )
-        for name, t in found.thrusters.items()
+        for name, t in craft.thrusters.items()
     ]
     order = [*PARAMETERS, *(n for n in numbers if n not in PARAMETERS)]
     return planar_craft(
         "marine_craft",
         (numbers[n] for n in order if n in numbers),
         thrusters,
-        description=f"marine craft by its matrices, thrusters {', '.join(found.thrusters)}",
+        description=f"marine craft by its matrices, thrusters {', '.join(craft.thrusters)}",
         source="Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2021",
     )
 

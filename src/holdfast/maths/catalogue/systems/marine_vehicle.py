@@ -66,11 +66,11 @@ def marine_vehicle(
     by name (SI units, see `PARAMETERS`). A thruster without `thrust_astern` gives thrust_limit both
     ways. Raises `ScenarioError` for an unknown vehicle or name.
     """
-    known = dict(vehicle_for(vehicle, PARAMETERS, optional=(ASTERN,)).parameters)
-    if ASTERN in overrides and ASTERN not in known:
+    numbers = dict(vehicle_for(vehicle, PARAMETERS, optional=(ASTERN,)).parameters)
+    if ASTERN in overrides and ASTERN not in numbers:
         unit, meaning, above = PARAMETERS[ASTERN]
-        known[ASTERN] = Parameter(ASTERN, unit, meaning, value=1.0, above=above)
-    parameters = overridden(known, overrides, "marine_vehicle")
+        numbers[ASTERN] = Parameter(ASTERN, unit, meaning, value=1.0, above=above)
+    parameters = overridden(numbers, overrides, "marine_vehicle")
     p = {n: symbol(n) for n in PARAMETERS}
     arm, limit = p["thruster_arm"], p["thrust_limit"]
     astern = p[ASTERN] if ASTERN in parameters else limit

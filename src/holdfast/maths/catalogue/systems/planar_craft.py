@@ -49,16 +49,16 @@ def planar_craft(
     Raises `DefinitionError` for thrusters that give no surge or no moment (`actuation`).
     """
     parameters = tuple(parameters)
-    known = {q.name for q in parameters}
+    declared = {q.name for q in parameters}
     psi, u, v, r = (symbol(n) for n in ("psi", *AXES))
     vx, vy = (q.symbol for q in CURRENT)
     sin, cos = sp.sin(psi), sp.cos(psi)
     produced = actuation(thrusters)
-    inertia = inertia_matrix(known)
+    inertia = inertia_matrix(declared)
     turning = coriolis_force(inertia)
     more = extra or {}
     force = [
-        sp.Add(turning[i], *_damping(axis, known), more.get(axis, 0), produced.force[i])
+        sp.Add(turning[i], *_damping(axis, declared), more.get(axis, 0), produced.force[i])
         for i, axis in enumerate(AXES)
     ]
     m22, m23, m32, m33 = inertia[1, 1], inertia[1, 2], inertia[2, 1], inertia[2, 2]
@@ -86,13 +86,13 @@ def planar_craft(
     )
 
 
-def inertia_matrix(known: Iterable[str]) -> sp.Matrix:
+def inertia_matrix(declared: Iterable[str]) -> sp.Matrix:
     """M = M_RB + M_A of (u, v, r), with the cross terms whose parameters are known.
 
     M_RB = [[m, 0, 0], [0, m, m x_g], [0, m x_g, Iz]],
     M_A = -[[Xudot, 0, 0], [0, Yvdot, Yrdot], [0, Nvdot, Nrdot]]; Nvdot is Yrdot unless known.
     """
-    names = set(known)
+    names = set(declared)
 
     def value(name: str) -> sp.Expr:
         return symbol(name) if name in names else sp.S.Zero
@@ -143,8 +143,8 @@ def _coriolis_terms() -> list[list[tuple[tuple[int, ...], sp.Expr]]]:
     return [sp.Poly(f, *nu).terms() for f in (across * r, -along * r, along * v - across * u)]
 
 
-def _damping(axis: str, known: Iterable[str]) -> list[sp.Expr]:
-    return [symbol(name) * _shape(name[1:]) for name in DAMPING[axis] if name in known]
+def _damping(axis: str, declared: Iterable[str]) -> list[sp.Expr]:
+    return [symbol(name) * _shape(name[1:]) for name in DAMPING[axis] if name in declared]
 
 
 def _shape(suffix: str) -> sp.Expr:

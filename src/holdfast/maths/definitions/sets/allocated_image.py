@@ -96,13 +96,13 @@ class AllocatedImage(LinearImage):
 
     def corners(self) -> list[tuple[sp.Expr, ...]]:
         """Of limits that are numbers: the points where as many actuators as inputs are at ends."""
-        found = []
+        points = []
         for chosen, inverse in self._bases:
             for ends in itertools.product(*(self._sides[i] for i in chosen)):
                 point = tuple(inverse * sp.Matrix(ends))
                 if all(e.is_number for e in point) and self.contains([float(e) for e in point]):
-                    found.append(point)
-        return found or super(LinearImage, self).corners()
+                    points.append(point)
+        return points or super(LinearImage, self).corners()
 
     # -- what follows from the support function
 

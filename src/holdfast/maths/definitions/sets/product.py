@@ -46,8 +46,10 @@ class Product(Bounds):
         return all(part.contains(mine, slack) for part, mine in self.split(values))
 
     def support(self, weights: Sequence[sp.Expr], sign: int) -> tuple[sp.Expr, list[sp.Expr]]:
-        found = [part.support(mine, sign) for part, mine in self.split(list(weights))]
-        return sum((v for v, _ in found), start=sp.S.Zero), [e for _, best in found for e in best]
+        supports = [part.support(mine, sign) for part, mine in self.split(list(weights))]
+        return sum((v for v, _ in supports), start=sp.S.Zero), [
+            e for _, best in supports for e in best
+        ]
 
     def support_value(self, weights: Sequence[float]) -> float:
         return sum(part.support_value(mine) for part, mine in self.split(list(weights)))
@@ -88,11 +90,11 @@ class Product(Bounds):
 
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int) -> Reach:
         columns = [gain.col(j) for j in range(gain.cols)]
-        found = [
+        reaches = [
             part.reach(sp.Matrix.hstack(*mine), p, spread, sign)
             for part, mine in self.split(columns)
         ]
-        every = ([sum(e) for e in zip(*same, strict=True)] for same in zip(*found, strict=True))
+        every = ([sum(e) for e in zip(*same, strict=True)] for same in zip(*reaches, strict=True))
         centre, width, near, narrow = every
         return centre, width, near, narrow
 
@@ -146,11 +148,11 @@ def product(first: Bounds | None, second: Bounds | None) -> Bounds | None:
     return parts[0] if len(parts) == 1 else Product(tuple(parts))
 
 
-def section(bounds: Bounds | None, kept: Sequence[bool]) -> Bounds | None:
-    """The set of the members that are `kept` when the others are given numbers.
+def section(bounds: Bounds | None, remaining: Sequence[bool]) -> Bounds | None:
+    """The set of the `remaining` members when the others are given numbers.
 
-    Raises `DefinitionError` where the others are not free of those that are kept, as in a ball.
+    Raises `DefinitionError` where the others are not free of those that remain, as in a ball.
     """
-    if bounds is None or not any(kept):
+    if bounds is None or not any(remaining):
         return None
-    return bounds if all(kept) else bounds.section(kept)
+    return bounds if all(remaining) else bounds.section(remaining)
