@@ -169,3 +169,31 @@ assert not other and not of_kernels, (other, of_kernels)
 def test_a_filter_on_a_region_loads_nothing_of_kernels():
     ended = subprocess.run([sys.executable, "-c", REGION_FILTER], capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
+
+
+SAY_NOTHING = {"found", "given", "told", "own", "known", "kept"}
+PRINTED = {
+    "foreseen", "block_sweep", "slopes_once", "slopes_twice", "stencils", "sweep", "look_in_cells",
+    "sampled_game", "parts", "quadratic_program",
+}  # fmt: skip
+"""Modules of scalar functions, whose names are in the texts that targets print."""
+ARGUMENTS = {
+    "section", "new_parameters", "regulation_map_figure", "certificate_figure", "comparison_figure",
+    "identification_figure", "campaign_figure", "tuning_figure", "__init__",
+}  # fmt: skip
+"""Functions of which users may name these arguments."""
+
+
+def test_variables_are_named_by_what_they_are():
+    """A participle says what happened to a thing, and not what it is."""
+    for path in [*FILES, *SOURCE.parent.joinpath("holdfast_check").rglob("*.py")]:
+        for function in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if not isinstance(function, ast.FunctionDef) or path.stem in PRINTED:
+                continue
+            nodes = list(ast.walk(function))
+            names = {
+                n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+            }
+            if function.name not in ARGUMENTS:
+                names |= {n.arg for n in nodes if isinstance(n, ast.arg)}
+            assert not names & SAY_NOTHING, (path.name, function.name, names & SAY_NOTHING)

@@ -175,7 +175,7 @@ def command(
     search = {name: value for name, value in search.items() if value is not None}
     if sample_time is not None and not 0 < sample_time < math.inf:
         raise ScenarioError(f"--sample-time {sample_time:g}", expected="seconds, above 0")
-    if box and (largest is not None or search or halvings):
+    if box and (largest is not None or search or halvings is not None):
         raise ScenarioError(
             "--box with --largest or --halvings", expected="a law's cells as they are"
         )
@@ -200,9 +200,9 @@ def command(
     if start:
         beside = {
             "kernel": kernel, "box": box, "largest": largest, "outer": outer, "cells": cells,
-            "delay": delay, "halvings": halvings,
+            "delay": delay, "halvings": halvings, "inputs": inputs,
         }  # fmt: skip
-        if wrong := [name for name, value in beside.items() if value not in (None, (), 0)]:
+        if wrong := [name for name, value in beside.items() if value not in (None, ())]:
             raise ScenarioError(f"--{wrong[0]} with --from", expected="one box, and no cells")
     elif to_goal:
         raise ScenarioError("--to-goal without --from", remedy="name the box of the start")

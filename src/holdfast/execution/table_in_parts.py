@@ -240,6 +240,6 @@ def _found(name: str, values: AnyArray, points: Array, grid: Grid, out: Array) -
     low, steps, shape, periodic = grid
     room, whole = numbers_of_places(len(shape))
     whole_numbers = (np.ascontiguousarray(a, dtype=np.int64) for a in (shape, periodic))
-    given: tuple[Any, ...] = (len(points), values, points, low, steps, *whole_numbers, len(shape))
-    called("interpolate", name, *given, out, np.empty(room), np.empty(whole, dtype=np.int64))
+    inputs: tuple[Any, ...] = (len(points), values, points, low, steps, *whole_numbers, len(shape))
+    called("interpolate", name, *inputs, out, np.empty(room), np.empty(whole, dtype=np.int64))
     return out

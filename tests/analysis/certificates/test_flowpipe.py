@@ -414,6 +414,8 @@ def test_command_from_a_box(tmp_path, monkeypatch):
     for more, says in (
         (["--horizon", "0.5", "--from", "y=4.9,5.2"], "constraint 0 may fail after 0 s"),
         (["--cells", "4"], "--cells with --from"),
+        (["--inputs", "4"], "--inputs with --from"),
+        (["--halvings", "0"], "--halvings with --from"),
         (["--to-goal"], "has no goal"),
         (["--set", "run.delay=0.5"], "has a delay"),
     ):

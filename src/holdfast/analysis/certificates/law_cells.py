@@ -306,7 +306,7 @@ def reached_by_law(
 ) -> Kept:
     """The cells from which a law leads to the target, closer with each sampling period.
 
-    As `reaching.reached` has it, of a law that begins in its first mode.
+    As `certify.reached` has it, of a law that begins in its first mode.
     """
     law = _law_of(flow)
     arrived = where(flow.arrived, cells)

@@ -35,11 +35,11 @@ class Report:
     (`one_march.py`).
 
     The following are None, or empty, unless requested. error_order, error_largest, error_rms,
-    error_cells, volume_coarse: see `error_estimate.with_error`. error_reach: cells by which the
+    error_cells, volume_coarse: see `solve.with_error`. error_reach: cells by which the
     boundary may be off and `inner` erodes the set, boundary_error: the same along every axis, in
-    its unit, jumps: whether V jumps there (`inner_set.with_error_in_cells`); inner_cells: by which
-    a set was eroded. nodes_from_outside, share_from_outside, nodes_kept_outside: see
-    `error_estimate.with_outside`. promise_outcome, promise_conclusion: of the closed-loop
+    its unit, jumps: whether V jumps there (`value_function.with_error_in_cells`); inner_cells: by
+    which a set was eroded. nodes_from_outside, share_from_outside, nodes_kept_outside: see
+    `solve.with_outside`. promise_outcome, promise_conclusion: of the closed-loop
     validation that was tried last (`ValueFunction.tried`); promise_share: of the set, from the
     inside out, that lost no start. title, scenario, scenario_text: of the scenario.
     """

@@ -33,11 +33,11 @@ class LoopText:
         self.functions: list[str] = []
 
     @contextmanager
-    def function(self, name: str, *, own: bool = False) -> Iterator[Instructions]:
-        """A function to be filled; `own`: only functions of this text call it."""
+    def function(self, name: str, *, internal: bool = False) -> Iterator[Instructions]:
+        """A function to be filled; `internal`: only functions of this text call it."""
         body = Instructions(self)
         yield body
-        head = f"define {'internal ' if own else ''}void @{name}({ARGUMENTS}) nounwind {{"
+        head = f"define {'internal ' if internal else ''}void @{name}({ARGUMENTS}) nounwind {{"
         lines = ["entry:", *body.counters, *body.lines, "  ret void", "}"]
         self.functions.append("\n".join([head, *lines]))
 

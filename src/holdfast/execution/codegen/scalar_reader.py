@@ -246,6 +246,8 @@ def _constants(node: ast.Assign, numbers: Mapping[str, Number]) -> dict[str, Num
             value=ast.Call(func=ast.Name(id="range"), args=bounds),
         ):
             ends = [constant(b, numbers) for b in bounds]
+            if None in ends:
+                raise SyntaxError(f"a range with an end that is no number: {ast.unparse(node)}")
             places = range(*(int(e) for e in ends if e is not None))
             return {ast.unparse(n): k for n, k in zip(names, places, strict=True)}
     return {}

@@ -48,7 +48,7 @@ class CppLoopText(LoopText):
     """The text of the functions of a loop; `leaves` prints those that they call."""
 
     @contextmanager
-    def function(self, name: str, *, own: bool = False) -> Iterator[Instructions]:
+    def function(self, name: str, *, internal: bool = False) -> Iterator[Instructions]:
         body = CppInstructions(self)
         yield body
         head = f"HF_CALLED void {name}(hf_run r)"

@@ -184,11 +184,11 @@ class _Builder:
                 self._remember_first(body)
             if self.shape.constraints:
                 body.call("constraints", q=self.at["q"], p=self.at["plant"], out=self.at["c0"])
-        with text.function("control", own=True) as body:
+        with text.function("control", internal=True) as body:
             self._control(body)
-        with text.function("record", own=True) as body:
+        with text.function("record", internal=True) as body:
             self._record(body)
-        with text.function("advance", own=True) as body:
+        with text.function("advance", internal=True) as body:
             self._advance(body)
         with text.function("holdfast_advance") as body, body.repeat(body.entry(RECORDS)):
             body.return_unless_any(self.at["alive"])

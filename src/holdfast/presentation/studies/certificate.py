@@ -143,7 +143,7 @@ def outer_text(outer: OuterSet, files: Sequence[Path] = ()) -> str:
     if files:
         lines += ["", f"  files in {files[0].parent}: {', '.join(f.name for f in files)}"]
         if outer.lost is not None:
-            lines.append(f"  check it: holdfast-check {files[0]}")
+            lines.append(f"  check it: holdfast-check {shlex.quote(str(files[0]))}")
     return "\n".join(lines)
 
 
@@ -186,7 +186,7 @@ def certificate_text(certificate: Certificate, files: Sequence[Path] = ()) -> st
         names = ", ".join(f.name for f in files)
         lines += ["", f"  files in {files[0].parent}: {names}"]
         if len(cells.members):
-            lines.append(f"  check it: holdfast-check {files[0]}")
+            lines.append(f"  check it: holdfast-check {shlex.quote(str(files[0]))}")
     return "\n".join(lines)
 
 

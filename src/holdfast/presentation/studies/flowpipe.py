@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -67,7 +68,7 @@ def flowpipe_text(pipe: Flowpipe, files: Sequence[Path] = ()) -> str:
     ]
     if files:
         lines += ["", f"  files in {files[0].parent}: {', '.join(f.name for f in files)}",
-                  f"  check it: holdfast-check {files[0]}"]  # fmt: skip
+                  f"  check it: holdfast-check {shlex.quote(str(files[0]))}"]  # fmt: skip
     return "\n".join(lines)
 
 
