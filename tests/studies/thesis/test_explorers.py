@@ -134,7 +134,7 @@ def test_an_interruption_leaves_whole_pages_alone(asked, tmp_path):
 
 def test_a_trial_that_failed_and_a_function_have_no_page(asked, tmp_path):
     circle = {
-        "function": "maths.formations.turning_radii.critical_radius", "needs": [0, 1],
+        "function": "planning.corners.critical_radius", "needs": [0, 1],
         "arguments": {"distance": 1.0, "width": 1.6, "robot_radius": 0.2},
     }  # fmt: skip
     failed = Judged(4, claim(unicycle()), Found(None, tmp_path, trouble="no"), None)

@@ -28,7 +28,7 @@ RADIUS = {"distance": 1.0, "width": 1.6, "robot_radius": 0.2}
 def radius(needs, recorded=0.3333, **more):
     """A trial whose number is the critical radius, 1/3 m, at once."""
     return {
-        "function": "maths.formations.turning_radii.critical_radius", "arguments": RADIUS | more, "unit": "m",
+        "function": "planning.corners.critical_radius", "arguments": RADIUS | more, "unit": "m",
         "needs": needs, "recorded": recorded, "within": 1e-3,
     }  # fmt: skip
 
