@@ -644,7 +644,7 @@ class ValueFunction:
         return points
 
     def table(self, time: float | None = None) -> AnyArray | TableInParts:
-        """The values at the nodes in one row, for `execution.look_up`."""
+        """The values at the nodes in one row, for `execution.interpolate`."""
         if self.stored is None:
             return np.ascontiguousarray(self.values(time)).ravel()
         return self.stored.table(self._number(time))
