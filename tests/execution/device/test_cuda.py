@@ -28,14 +28,14 @@ def stand_in(monkeypatch):
     def become(module):
         imported = importlib.import_module
 
-        def given(name):
+        def import_module(name, package=None):
             if name != "cupy":
-                return imported(name)
+                return imported(name, package)
             if module is None:
                 raise ImportError("No module named 'cupy'")
             return module
 
-        monkeypatch.setattr(program.importlib, "import_module", given)
+        monkeypatch.setattr(program.importlib, "import_module", import_module)
         return module
 
     program.cuda_device.cache_clear()
