@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holdfast.execution.device import program
-from holdfast.execution.device.program import COMPILERS, HostProgram
+from holdfast.execution.device.program import COMPILERS, CUDA_THREADS, HostProgram
 
 needs_cpp = pytest.mark.skipif(
     not any(map(shutil.which, COMPILERS)), reason="there is no C++ compiler"
@@ -70,7 +70,7 @@ class StandIn(types.ModuleType):
         def function(name):
             def launch(blocks, threads, arguments):
                 self.launched += 1
-                assert threads == (program.CUDA_THREADS,)
+                assert threads == (CUDA_THREADS,)
                 for a in arguments:
                     assert isinstance(a, np.ndarray) or a.nbytes == 8
                 program.run(name, blocks[0], *arguments)
