@@ -36,7 +36,7 @@ LONGER = 4
 """A mutant that takes this many times as long as the true code goes on for ever."""
 
 PARTS = {
-    # part: its files below src, and the tests that hold it
+    # part: its files below src, or one function or class of one, and the tests that hold it
     "quadratic program": (
         ["holdfast/execution/simulation/quadratic_program.py"],
         ["tests/execution/simulation/test_quadratic_program.py",
@@ -48,9 +48,12 @@ PARTS = {
          "tests/maths/control"],
     ),
     "verdicts of marches": (
-        ["holdfast/analysis/reachability/march_report.py"],
-        ["tests/analysis/reachability/test_march_report.py",
-         "tests/analysis/reachability/test_value_function.py"],
+        ["holdfast/analysis/reachability/one_march.py::OneMarch",
+         "holdfast/analysis/reachability/one_march.py::_ends_reached",
+         "holdfast/analysis/reachability/one_march.py::_check_growth"],
+        ["tests/analysis/reachability/test_convergence_of_a_march.py",
+         "tests/analysis/reachability/test_ends_of_a_grid.py",
+         "tests/analysis/reachability/test_march_report.py"],
     ),
     "checker": (
         ["holdfast_check/checker.py", "holdfast_check/held.py", "holdfast_check/law.py",
@@ -89,17 +92,19 @@ def others(node: ast.AST) -> Iterator[ast.AST]:
             yield ast.Constant(node.value + 1)
 
 
-def mutants(file: Path) -> list[tuple[str, str]]:
-    """(what is other, the changed source) of every mutant of a file."""
+def mutants(file: Path, within: str) -> list[tuple[str, str]]:
+    """(what is other, the changed source) of every mutant of a file, or of a part of that name."""
     tree = ast.parse(file.read_text("utf-8"))
     nodes = list(ast.walk(tree))
+    roots = [n for n in nodes if getattr(n, "name", "") == within] if within else [tree]
+    inside = {id(inner) for root in roots for inner in ast.walk(root)}
     annotations = {
         id(inner) for node in nodes for name in ("annotation", "returns")
         if (hint := getattr(node, name, None)) is not None for inner in ast.walk(hint)
     }  # fmt: skip
     every = []
     for place, node in enumerate(nodes):
-        if id(node) in annotations:
+        if id(node) in annotations or id(node) not in inside:
             continue
         for other in others(node):
             says = f"{file.name}: {ast.unparse(node)} -> {ast.unparse(other)}"
@@ -143,8 +148,11 @@ def survivors_of(part: str, count: int, seed: int, only: int | None) -> tuple[in
         if not passes(copied, tests, 3600):
             raise SystemExit(f"the tests of the {part} fail as they are: {' '.join(tests)}")
         seconds = LONGER * (time.perf_counter() - begun)
-        every = [(copied / "src" / name, *mutant) for name in files
-                 for mutant in mutants(ROOT / "src" / name)]  # fmt: skip
+        every = [
+            (copied / "src" / name, *mutant)
+            for name, _, within in (entry.partition("::") for entry in files)
+            for mutant in mutants(ROOT / "src" / name, within)
+        ]
         drawn = random.Random(f"{seed} {part}").sample(every, min(count, len(every)))
         alive = []
         for number, (file, says, source) in enumerate(drawn):
