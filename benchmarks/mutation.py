@@ -102,14 +102,26 @@ def mutants(file: Path, within: str) -> list[tuple[str, str]]:
         id(inner) for node in nodes for name in ("annotation", "returns")
         if (hint := getattr(node, name, None)) is not None for inner in ast.walk(hint)
     }  # fmt: skip
+    functions, statements = _enclosing(tree, ast.FunctionDef), _enclosing(tree, ast.stmt)
     every = []
     for place, node in enumerate(nodes):
         if id(node) in annotations or id(node) not in inside:
             continue
         for other in others(node):
-            says = f"{file.name}: {ast.unparse(node)} -> {ast.unparse(other)}"
+            function = getattr(functions.get(id(node)), "name", "")
+            line = ast.unparse(statements[id(node)]).splitlines()[0][:80]
+            says = f"{file.stem} {function}: {ast.unparse(node)} -> {ast.unparse(other)}, {line}"
             every.append((says, _replaced(tree, place, other)))
     return every
+
+
+def _enclosing(tree: ast.Module, kind: type[ast.AST]) -> dict[int, ast.AST]:
+    """The smallest node of a kind around every node, by its identity."""
+    around: dict[int, ast.AST] = {}
+    for outer in ast.walk(tree):  # from the outside in
+        if isinstance(outer, kind):
+            around |= {id(inner): outer for inner in ast.walk(outer)}
+    return around
 
 
 def _replaced(tree: ast.Module, place: int, other: ast.AST) -> str:

@@ -302,3 +302,27 @@ def test_four_inputs_are_within_its_reach():
     cases = programs(inside, 4, True, 200) + programs(anywhere, 4, True, 200)
     decided = [agrees(*pair) for pair in zip(cases, answers(cases), strict=True)]
     assert decided.count(False) <= 8
+
+
+def test_slack_has_the_size_of_the_smallest_normal():
+    rows = np.array([3.0, 4.0, 0.0, 0.3, 0.4, 0.0, 0.0, 0.0, 1.0])
+    assert quadratic_program.unit_of_slack(rows, np.ones(2), 2, 3, 0) == pytest.approx(0.5)
+    assert quadratic_program.unit_of_slack(rows, np.ones(2), 2, 3, 1) == pytest.approx(0.5)
+    assert quadratic_program.unit_of_slack(rows, np.ones(2), 2, 1, 0) == pytest.approx(5.0)
+    assert quadratic_program.unit_of_slack(rows, np.array([1.0, 2.0]), 2, 3, 1) == pytest.approx(
+        math.hypot(0.3, 0.8)
+    )
+
+
+@pytest.mark.parametrize(
+    ("soft", "overruled"),
+    [((1.0, 1.0), True), ((1.0, 1.5), False), ((0.0, 0.0), False), ((0.0, 1.0), False)],
+    ids=["at its limit", "beyond it", "without inputs", "without inputs, and kept"],
+)
+def test_condition_overrules_where_it_holds_the_input_back_and_not_where_its_bounds_do(
+    soft, overruled
+):
+    """The wanted 2 is limited to 1 by its bounds, which come first."""
+    rows = np.array([1.0, 1.0, *soft])
+    arguments = np.array([2.0]), np.array([1.0]), 0.0, rows, 1, 2, 1
+    assert quadratic_program.overrules(*arguments) is overruled
