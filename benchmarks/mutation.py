@@ -92,8 +92,8 @@ def others(node: ast.AST) -> Iterator[ast.AST]:
             yield ast.Constant(node.value + 1)
 
 
-def mutants(file: Path, within: str) -> list[tuple[str, str]]:
-    """(what is other, the changed source) of every mutant of a file, or of a part of that name."""
+def mutants(file: Path, within: str) -> list[tuple[str, ast.Module, ast.AST, ast.AST]]:
+    """(what is other, tree, node, another in its place) of a file, or of a part of that name."""
     tree = ast.parse(file.read_text("utf-8"))
     nodes = list(ast.walk(tree))
     roots = [n for n in nodes if getattr(n, "name", "") == within] if within else [tree]
@@ -104,14 +104,14 @@ def mutants(file: Path, within: str) -> list[tuple[str, str]]:
     }  # fmt: skip
     functions, statements = _enclosing(tree, ast.FunctionDef), _enclosing(tree, ast.stmt)
     every = []
-    for place, node in enumerate(nodes):
+    for node in nodes:
         if id(node) in annotations or id(node) not in inside:
             continue
         for other in others(node):
             function = getattr(functions.get(id(node)), "name", "")
             line = ast.unparse(statements[id(node)]).splitlines()[0][:80]
             says = f"{file.stem} {function}: {ast.unparse(node)} -> {ast.unparse(other)}, {line}"
-            every.append((says, _replaced(tree, place, other)))
+            every.append((says, tree, node, other))
     return every
 
 
@@ -124,13 +124,14 @@ def _enclosing(tree: ast.Module, kind: type[ast.AST]) -> dict[int, ast.AST]:
     return around
 
 
-def _replaced(tree: ast.Module, place: int, other: ast.AST) -> str:
-    fresh = copy.deepcopy(tree)
-    target = list(ast.walk(fresh))[place]
+def replaced(tree: ast.Module, node: ast.AST, other: ast.AST) -> str:
+    """The source of a tree with another node in place of one."""
+    fresh, place = copy.deepcopy(tree), [*ast.walk(tree)].index(node)
+    target = [*ast.walk(fresh)][place]
 
     class Exchange(ast.NodeTransformer):
-        def visit(self, node: ast.AST) -> ast.AST:
-            return copy.deepcopy(other) if node is target else self.generic_visit(node)
+        def visit(self, part: ast.AST) -> ast.AST:
+            return copy.deepcopy(other) if part is target else self.generic_visit(part)
 
     return ast.unparse(ast.fix_missing_locations(Exchange().visit(fresh)))
 
@@ -167,11 +168,11 @@ def survivors_of(part: str, count: int, seed: int, only: int | None) -> tuple[in
         ]
         drawn = random.Random(f"{seed} {part}").sample(every, min(count, len(every)))
         alive = []
-        for number, (file, says, source) in enumerate(drawn):
+        for number, (file, says, *exchange) in enumerate(drawn):
             if only is not None and number != only:
                 continue
             true = file.read_text("utf-8")
-            file.write_text(source, "utf-8")
+            file.write_text(replaced(*exchange), "utf-8")
             lives = passes(copied, tests, seconds)
             file.write_text(true, "utf-8")
             print(f"{part} {number}: {'LIVES' if lives else 'found'}: {says}", flush=True)
@@ -186,6 +187,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", type=int, help="one mutant, by its number")
     asked = parser.parse_args()
+    if asked.only is not None and not 0 <= asked.only < asked.count:
+        parser.error(f"--only {asked.only}: expected a number below --count, {asked.count}")
     reasons = tomllib.loads(REASONS.read_text("utf-8")) if REASONS.exists() else {}
     record = json.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
     open_questions = []

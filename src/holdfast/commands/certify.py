@@ -159,9 +159,11 @@ def command(
     with --largest if the limit was not found.
     """
     if refine is not None:
+        if halvings is not None:
+            raise ScenarioError("both --halvings and its former name --refine")
         said = "the option '--refine' is now '--halvings'; the former goes with the next release"
         warnings.warn(said, RenamedWarning, stacklevel=1)
-        halvings = refine if halvings is None else halvings
+        halvings = refine
     options: dict[str, Any] = {
         "cells": cells,
         "horizon": horizon,

@@ -96,7 +96,7 @@ def _check_flowpipe(proved: Mapping[str, Any], asked: Any, scenario: str) -> Non
     for key in ("states", "inputs", "rates", "constraints", "target", "law"):
         if proved[key] != wanted[key]:
             raise ScenarioError(
-                f"another {key.removesuffix('s')}: {_briefly(proved[key])}",
+                f"the flowpipe has another {key.removesuffix('s')}: {_briefly(proved[key])}",
                 expected=_briefly(wanted[key]),
             )
     for q in wanted["disturbances"]:
@@ -107,18 +107,21 @@ def _check_flowpipe(proved: Mapping[str, Any], asked: Any, scenario: str) -> Non
     for name, size in posed["errors"].items():
         if size > errors[name]:
             raise ScenarioError(
-                f"'{name}' is measured within {errors[name]:g} in it", expected=f"{size:g} at least"
+                f"'{name}' is measured within {errors[name]:g} in the flowpipe",
+                expected=f"{size:g} at least",
             )
     (hold, holds), (its_hold, its_holds) = (
         (float.fromhex(h["hold"]), h["holds"]) for h in (proved, wanted)
     )
     if wanted["inputs"] and hold != its_hold:
-        raise ScenarioError(f"inputs are held for {hold:g} s in it", expected=f"{its_hold:g} s")
+        raise ScenarioError(
+            f"inputs are held for {hold:g} s in the flowpipe", expected=f"{its_hold:g} s"
+        )
     same = (hold, holds) == (its_hold, its_holds)
     longer = holds >= its_holds if hold == its_hold else hold * holds >= its_hold * its_holds
     if not (same or (longer and not proved["target"])):
         raise ScenarioError(
-            f"it is for {hold * holds:g} s",
+            f"the flowpipe is for {hold * holds:g} s",
             expected=f"{its_hold * its_holds:g} s" + ("" if proved["target"] else " at least"),
         )
 
@@ -126,8 +129,10 @@ def _check_flowpipe(proved: Mapping[str, Any], asked: Any, scenario: str) -> Non
 def _numbers_of(asked: Scenario) -> dict[str, Range]:
     """Between what each parameter is, in the law and in the vehicle."""
     if asked.varied.names or asked.varied.plant:
-        raise ScenarioError("its numbers vary from run to run", expected="no [varied]")
-    every = parameters_of(asked.system, (asked.region,) if asked.region else ())
+        raise ScenarioError(
+            "the numbers of the scenario vary from run to run", expected="no [varied]"
+        )
+    every = parameters_of(asked.system, [r for r in (asked.region, asked.goal) if r is not None])
     return {
         name: (min(p.value, real), max(p.value, real))
         for name, p in every.items()
@@ -146,11 +151,14 @@ def _check_within(
     """Raise unless a quantity of a scenario is within what is proved."""
     low, high = ends
     if (q["name"], q["unit"]) not in proved:
-        raise ScenarioError(f"it has no '{q['name']}' in '{q['unit']}'", expected=_briefly(q))
+        raise ScenarioError(
+            f"the flowpipe has no '{q['name']}' in '{q['unit']}'", expected=f"{low:g} to {high:g}"
+        )
     least, most = proved[q["name"], q["unit"]]
     if not (least <= low and high <= most):
         raise ScenarioError(
-            f"'{q['name']}' is from {least:g} to {most:g} in it", expected=f"{low:g} to {high:g}"
+            f"'{q['name']}' is from {least:g} to {most:g} in the flowpipe",
+            expected=f"{low:g} to {high:g}",
         )
 
 

@@ -86,13 +86,9 @@ def flowpipe_of(
     scenario of another kind, without a region or goal, with a delay or noise without bounds.
     """
     loaded = _closed_loop(scenario, overrides)
+    asked = question(loaded, to_goal, horizon, sample_time, errors)
     with at(loaded.file, "law"):
-        return flowpipe(
-            **question(loaded, to_goal, horizon, sample_time, errors),
-            start=start,
-            uncertain=uncertain,
-            progress=progress,
-        )
+        return flowpipe(**asked, start=start, uncertain=uncertain, progress=progress)
 
 
 def question(
@@ -106,21 +102,24 @@ def question(
     run: Mapping[str, Any] = loaded.settings
     if run.get("delay") or run.get("noise_normal"):
         raise ScenarioError(
-            f"'{loaded.name}' has a delay, or noise without bounds",
+            f"'{loaded.file}' has a delay, or noise without bounds",
             expected="run.delay = 0 and no run.noise_normal",
         )
     if to_goal and loaded.goal is None:
-        raise ScenarioError(f"'{loaded.name}' has no goal", remedy="add a [goal]")
+        raise ScenarioError(f"'{loaded.file}' has no goal", remedy="add a [goal]")
     if sample_time is None and not run.get("continuous"):
         sample_time = float(run["sample_time"])
+    with at(loaded.file, "law"):
+        law = loaded.kept().law
+        disturbance = without_bounds(loaded)
     return {
         "system": loaded.system,
         "region": loaded.region,
         "horizon": float(run["horizon"]) if horizon is None else horizon,
-        "law": loaded.kept().law,
+        "law": law,
         "sample_time": sample_time,
         "target": loaded.goal if to_goal else None,
-        "disturbance": without_bounds(loaded),
+        "disturbance": disturbance,
         "errors": {**dict(run.get("noise_uniform") or {}), **dict(errors or {})},
     }
 

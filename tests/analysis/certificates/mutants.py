@@ -1,7 +1,6 @@
 """Mutants of the checker: another condition in its source, and the changed program beside it."""
 
 import ast
-import copy
 import importlib
 import itertools
 import sys
@@ -35,18 +34,6 @@ def others(roots):
                 if type(op) in MOVED:
                     ops = [*node.ops[:k], MOVED[type(op)](), *node.ops[k + 1 :]]
                     yield node, ast.Compare(node.left, ops, node.comparators), says
-
-
-def replaced(tree, node, other):
-    """The source of a tree with another node in place of one."""
-
-    class Exchange(ast.NodeTransformer):
-        def visit(self, part):
-            return other if part is node else self.generic_visit(part)
-
-    fresh, place = copy.deepcopy(tree), [*ast.walk(tree)].index(node)
-    node = [*ast.walk(fresh)][place]
-    return ast.unparse(ast.fix_missing_locations(Exchange().visit(fresh)))
 
 
 def beside(folder, number, file, source, module="checker"):

@@ -19,10 +19,11 @@ from pathlib import Path
 
 import pytest
 import sympy as sp
+from mutation import replaced
 
 import holdfast as hf
 from holdfast_check import checker
-from tests.analysis.certificates.mutants import SOURCE, beside, others, replaced
+from tests.analysis.certificates.mutants import SOURCE, beside, others
 from tests.certified_systems import changed
 from tests.laws_to_judge import slider, thermostat
 

@@ -433,17 +433,17 @@ def test_flowpipe_is_of_the_closed_loop_that_it_is_of(tmp_path):
     for change, other, says in (
         ("horizon = 60", "horizon = 5", ""),
         ("horizon = 60", "horizon = 4", ""),
-        ("horizon = 60", "horizon = 6", "it is for 5 s"),
+        ("horizon = 60", "horizon = 6", "the flowpipe is for 5 s"),
         ("[-0.2, 0.2]", "[-0.1, 0.2]", ""),
-        ("[-0.2, 0.2]", "[-0.3, 0.2]", "'w' is from -0.2 to 0.2 in it"),
+        ("[-0.2, 0.2]", "[-0.3, 0.2]", "'w' is from -0.2 to 0.2 in the flowpipe"),
         ("0.6*psi", "0.5*psi", "another law"),
         ("1.5*sin(psi)", "1.4*sin(psi)", "another rate"),
         ("y - 5", "y - 4", "another constraint"),
-        ("sample_time = 0.5", "sample_time = 0.25", "inputs are held for 0.5 s in it"),
+        ("sample_time = 0.5", "sample_time = 0.25", "inputs are held for 0.5 s in the flowpipe"),
         (
             "sample_time = 0.5",
             "sample_time = 0.5\n[noise]\nuniform = { y = 0.1 }",
-            "measured within 0",
+            "is measured within 0",
         ),
         ("sample_time = 0.5", "sample_time = 0.5\ndelay = 0.5", "has a delay"),
     ):
@@ -503,14 +503,19 @@ def test_flowpipe_of_a_constant_is_not_of_what_changes(tmp_path):
     for name, of, more, says in (
         ("constant", constant, "", ""),
         ("constant", constant.replace("0.0", "0.2"), "", ""),
-        ("constant", constant.replace("0.0", "0.3"), "", "'w' is from -0.2 to 0.2 in it"),
+        ("constant", constant.replace("0.0", "0.3"), "", "'w' is from -0.2 to 0.2 in the flowpipe"),
         ("constant", constant, "[plant]\nw = 0.1\n", ""),
-        ("constant", constant, "[plant]\nw = 0.3\n", "'w' is from -0.2 to 0.2 in it"),
+        ("constant", constant, "[plant]\nw = 0.3\n", "'w' is from -0.2 to 0.2 in the flowpipe"),
         ("constant", constant, "[varied]\ndraws = { w = [-0.1, 0.1] }\n", "vary from run to run"),
-        ("constant", changing, "", "it has no 'w' in 'm/s^2'"),
+        ("constant", changing, "", "the flowpipe has no 'w' in 'm/s^2'"),
         ("changing", constant, "", ""),
         ("changing", changing, "", ""),
-        ("changing", changing.replace("m/s^2", "km/s^2"), "", "it has no 'w' in 'km/s^2'"),
+        (
+            "changing",
+            changing.replace("m/s^2", "km/s^2"),
+            "",
+            "the flowpipe has no 'w' in 'km/s^2'",
+        ),
         ("arriving", changing, "", ""),
     ):
         file.write_text(OSCILLATOR.replace("WHATEVER", of) + more, encoding="utf-8")
@@ -519,7 +524,12 @@ def test_flowpipe_of_a_constant_is_not_of_what_changes(tmp_path):
             continue
         with pytest.raises(HoldfastError, match=re.escape(says)):
             check_of_scenario(written[name], str(file))
-    for name, says in (("changing", ""), ("arriving", "it is for 2 s; expected 1.5 s")):
+    slow = OSCILLATOR.replace("v - 2", "v - top").replace("WHATEVER", changing)
+    slow = slow.replace("[goal]", '[goal]\nparameters = { top = { value = 2.0, unit = "m/s" } }')
+    file.write_text(slow, encoding="utf-8")
+    pipe = flowpipe_of(str(file), start={"x": (0, 0.01), "v": (0, 0.01)}, to_goal=True)
+    check_of_scenario(pipe.write(tmp_path / "slow.holdfast"), str(file))
+    for name, says in (("changing", ""), ("arriving", "the flowpipe is for 2 s; expected 1.5 s")):
         shorter = OSCILLATOR.replace("horizon = 2", "horizon = 1.5")
         file.write_text(shorter.replace("WHATEVER", changing), encoding="utf-8")
         if not says:

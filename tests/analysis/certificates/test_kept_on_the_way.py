@@ -9,11 +9,12 @@ import sys
 
 import pytest
 from flint import arb
+from mutation import replaced
 
 import holdfast as hf
 from holdfast.maths.expressions.functions import greatest, least
 from holdfast_check import flowpipe, held, reading
-from tests.analysis.certificates.mutants import SOURCE, beside, others, replaced
+from tests.analysis.certificates.mutants import SOURCE, beside, others
 
 WAYS = {
     # constraint: per state start, way, end, rate; whether it is known at the start and at the end
@@ -79,8 +80,8 @@ def answer(module, constraint, states, begins, ends):
 
 @pytest.mark.parametrize("name", WAYS)
 def test_a_constraint_is_kept_on_the_way_where_that_follows(name):
-    *case, kept = WAYS[name]
-    assert answer(held, *case) is kept
+    *case, holds = WAYS[name]
+    assert answer(held, *case) is holds
 
 
 SAME = {
@@ -98,7 +99,7 @@ def test_each_part_of_the_decision_counts(tmp_path, monkeypatch):
     alive = []
     for number, (node, other, what) in enumerate(others([decides])):
         module = beside(tmp_path, number, file, replaced(tree, node, other), "held")
-        if all(answer(module, *case) is kept for *case, kept in WAYS.values()):
+        if all(answer(module, *case) is holds for *case, holds in WAYS.values()):
             alive.append(what)
     assert number > 20
     assert [what for what in alive if not any(part in what for part in SAME)] == []

@@ -49,8 +49,8 @@ def test_runs_are_the_same_in_any_number_of_launches(monkeypatch):
 def test_cuda_takes_the_same_text(tmp_path, monkeypatch):
     texts = []
 
-    def noted(text, own=program.whole_text):
-        texts.append(own(text))
+    def noted(text, whole=program.whole_text):
+        texts.append(whole(text))
         return texts[-1]
 
     monkeypatch.setattr(program, "whole_text", noted)

@@ -29,7 +29,7 @@ from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.closed_loop import ClosedLoop, Command, Commander, commander_of
 from holdfast.execution.simulation.outcomes import Outcome, SafeguardAnswer
 from holdfast.execution.simulation.settings import Settings, SettingsOptions, Trajectories
-from holdfast.execution.simulation.steppers import BY_NAME, Tableau
+from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
 from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol
@@ -471,16 +471,9 @@ def simulate(
                 remedy="vary it under [varied.plant], or leave one of them out",
                 key="plant",
             )
-    loop = _compiled(
-        system,
-        law,
-        region=region,
-        goal=goal,
-        disturbance=expressions,
-        stepper=BY_NAME[stepper],
-        continuous=chosen.continuous,
-        varied=varied,
-    )
+    definitions = _Identity((system, law, region, goal, BY_NAME[stepper], varied))
+    compiled = _compiled.__wrapped__ if law.lookup is not None else _compiled  # a table is large
+    loop = compiled(definitions, tuple(expressions.items()), chosen.continuous)
     program = loop.program
     if isinstance(law.lookup, CellLookup):
         _check_held(law.lookup, program, chosen)
@@ -546,27 +539,6 @@ def simulate(
     )
 
 
-def _compiled(
-    system: System,
-    law: Law | Switching,
-    *,
-    region: Region | None,
-    goal: Region | None,
-    disturbance: Mapping[str, sp.Expr],
-    stepper: Tableau,
-    continuous: bool = False,
-    varied: Varied | None = None,
-) -> ClosedLoop:
-    """The compiled program of `closed_loop_program`.
-
-    Definitions do not change, so that the same ones are lowered once: the last few programs stay,
-    but for laws with a table, which may be large.
-    """
-    objects = (system, law, region, goal, stepper, varied)
-    made = _closed_loop.__wrapped__ if law.lookup is not None else _closed_loop
-    return made(_Identity(objects), tuple(disturbance.items()), continuous)
-
-
 class _Identity:
     """Objects as a key: the same ones, not equal ones."""
 
@@ -581,9 +553,10 @@ class _Identity:
 
 
 @lru_cache(maxsize=8)
-def _closed_loop(
+def _compiled(
     of: _Identity, disturbance: tuple[tuple[str, sp.Expr], ...], continuous: bool
 ) -> ClosedLoop:
+    """The compiled program of definitions; these do not change, so the last few programs stay."""
     system, law, region, goal, stepper, varied = of.objects
     program = closed_loop_program(
         system, law, region=region, goal=goal, disturbance=dict(disturbance), stepper=stepper,
