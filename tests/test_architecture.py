@@ -8,6 +8,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import networkx
 import pytest
 
 SOURCE = Path(__file__).parent.parent / "src" / "holdfast"
@@ -38,6 +39,58 @@ def test_contracts_name_rooms_only():
                 path = SOURCE.joinpath(*room.split(".")[1:])
                 at_the_top = path.parent == SOURCE and path.with_suffix(".py").is_file()
                 assert path.is_dir() or at_the_top, room
+
+
+def module_of(path):
+    parts = path.relative_to(SOURCE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def modules_imported(path, modules):
+    """Every module of ours that a file imports, wherever in it: in a function, for types alone."""
+    package = path.relative_to(SOURCE.parent).parts[:-1]
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in modules)
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else ()
+            source = ".".join([*above, *([node.module] if node.module else [])])
+            for alias in node.names:
+                inner = f"{source}.{alias.name}"
+                yield from (
+                    name for name in (inner if inner in modules else source,) if name in modules
+                )
+
+
+def circles(imports):
+    """Groups of modules of which each imports, over others or at once, every other."""
+    graph = networkx.DiGraph([(name, of) for name, others in imports.items() for of in others])
+    groups = networkx.strongly_connected_components(graph)
+    return sorted(sorted(group) for group in groups if len(group) > 1)
+
+
+def test_no_modules_import_each_other():
+    """Where two need each other, one of them is said in the words of a third, or they are one."""
+    files = {module_of(path): path for path in SOURCE.parent.rglob("*.py")}
+    imports = {name: set(modules_imported(path, files)) for name, path in files.items()}
+    assert sum(map(len, imports.values())) > 1000
+    assert circles(imports) == []
+
+
+def test_circles_are_found_in_functions_and_for_types(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "SOURCE", tmp_path / "room")
+    (tmp_path / "room").mkdir()
+    texts = {
+        "one": "def late():\n    from room.two import three\n",
+        "two": "if TYPE_CHECKING:\n    from . import three\n",
+        "three": "import room.one\n",
+        "apart": "from room.one import late\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / "room" / f"{name}.py").write_text(text)
+    files = {module_of(path): path for path in (tmp_path / "room").glob("*.py")}
+    imports = {name: set(modules_imported(path, files)) for name, path in files.items()}
+    assert circles(imports) == [["room.one", "room.three", "room.two"]]
 
 
 def test_contracts_forbid_modules_that_exist():

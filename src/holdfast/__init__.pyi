@@ -169,6 +169,6 @@ from .studies.comparison import compare as compare
 from .studies.derivation import Derivation as Derivation
 from .studies.derivation import explain as explain
 from .studies.disturbance_margin import disturbance_margin as disturbance_margin
-from .studies.exploration import explore as explore
+from .studies.explored_sweep import explore as explore
 from .studies.sweep import sweep as sweep
 from .studies.tuning import tune as tune

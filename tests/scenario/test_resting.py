@@ -6,8 +6,8 @@ import math
 import pytest
 
 from holdfast.errors import ScenarioError
+from holdfast.scenario.kinds.closed_loop import no_rest, resting_places
 from holdfast.scenario.load import load_scenario
-from holdfast.scenario.resting import no_rest, resting_places
 from tests.command_line import holdfast
 
 ALONG = 'varied.draws.direction=["{0} deg", "{0} deg"]'

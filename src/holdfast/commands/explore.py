@@ -33,8 +33,7 @@ def command(scenario: str, out: Path | None, overrides: tuple[str, ...], shown: 
     may be the table of a sweep, sweep.nc, or its folder: the cell under the pointer runs.
     """
     from holdfast.scenario.files import scenario_title
-    from holdfast.studies.exploration import explore
-    from holdfast.studies.explored_sweep import sweep_file
+    from holdfast.studies.explored_sweep import explore, sweep_file
     from holdfast.studies.progress import bar
 
     table = sweep_file(scenario)

@@ -100,8 +100,8 @@ def _closed_loops(scenario: str, overrides: tuple[str, ...]) -> bool:
 def _rest(scenario: str, overrides: tuple[str, ...], out: Path | None) -> None:
     from holdfast.host.files import make_folder, write_summary
     from holdfast.presentation.text.values import resting_text
+    from holdfast.scenario.kinds.closed_loop import resting_places
     from holdfast.scenario.load import load_scenario
-    from holdfast.scenario.resting import resting_places
 
     loaded = load_scenario(scenario, overrides)
     folder = out if out is not None else Path("runs") / loaded.name

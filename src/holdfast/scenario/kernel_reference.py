@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -19,7 +19,6 @@ import sympy as sp
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.kernel_store import WEB, is_reference
 from holdfast.analysis.load import load
-from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.analysis.reachability.value_function import Claim, ValueFunction
 from holdfast.analysis.safety.safety_filter import kept_law, safety_law
 from holdfast.analysis.safety.validation import default_promise
@@ -41,10 +40,6 @@ from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_k
 from holdfast.scenario.schema.closed_loop import SafetySpec, ScenarioSpec
 from holdfast.scenario.schema.kernel import PROBLEMS
 from holdfast.scenario.schema.values import at
-
-if TYPE_CHECKING:
-    from holdfast.scenario.kinds.closed_loop import Scenario
-
 
 DECISIVE = ("system", "region", "goal", "origin", "disturbance", "grid", "march")
 """The tables that determine a value function, in addition to the kind."""
@@ -312,44 +307,3 @@ def composed_safety(file: str, spec: ScenarioSpec, system: System) -> Safety:
 def _velocities(game: System, system: System) -> tuple[str, ...]:
     """The inputs of a kernel that are states of the vehicle."""
     return tuple(n for n in game.input_names if n in system.state_names)
-
-
-def online_filter(
-    scenario: Scenario, settings: Mapping[str, Any], progress: Progress | None = None
-) -> SafetyFilter:
-    """The filter of [safeguard] or [safety], with [observer], around the command handed to a law.
-
-    settings: those of `SafetyFilter` in the tables but [safety]. The kernel is computed.
-    """
-    file, system, safety = scenario.file, scenario.model, scenario.safety
-    commanded = [q.name.removeprefix("command_") for q in scenario.law.handed]
-    if missing := [n for n in system.input_names if n not in commanded]:
-        raise ScenarioError(
-            f"{file}: law.external: the other controller does not command {', '.join(missing)}",
-            expected="external = true for a filter by itself",
-        )
-    drawn = {*scenario.varied.draws, *scenario.varied.values}
-    if varied := sorted(drawn & {p.name for p in scenario.law.parameters}):
-        raise ScenarioError(
-            f"{file}: varied: '{varied[0]}' of the filter differs from run to run",
-            remedy="leave it out, with --set varied=",
-        )
-    timing: dict[str, Any] = {"sample_time": float(scenario.settings["sample_time"])}
-    if safety is None:
-        if "gains" not in settings or scenario.region is None:
-            raise ScenarioError(
-                f"{file}: nothing keeps the command of the other controller",
-                expected="[safeguard] or [safety]",
-            )
-        with at(file, "safeguard"):
-            return SafetyFilter(system, scenario.region, **settings, **timing)
-    if safety.spec.alone or safety.tracking is not None:
-        raise ScenarioError(
-            f"{file}: safety.alone: the kernel replaces the command of the other controller",
-            expected="alone = false",
-        )
-    with at(file, "safety"):
-        value = safety.kernel.tried(safety.value(system, scenario.region, progress))
-        timing["delay"] = float(scenario.settings["delay"])
-        more = {n: getattr(safety.spec, n) for n in ("rate", "margin", "ahead")}
-        return SafetyFilter(system, value, **more, **settings, **timing)

@@ -28,7 +28,6 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.depth import inside_states
 from holdfast.analysis.safety.safety_filter import LAWFUL, decided, safety_law, sampled_margin
 from holdfast.analysis.simulation.web_loop import WebLoop, web_loop
-from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, ModelWarning, ScenarioError, SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
@@ -48,7 +47,7 @@ from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.kinds.formation import FormationScenario
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.kinds.parts import PartsScenario
-from holdfast.scenario.load import load_scenario, scenario_of, substance
+from holdfast.scenario.load import scenario_of, substance
 
 
 def poses(system: System, plane: tuple[str, str]) -> list[dict[str, Any]]:
@@ -325,40 +324,14 @@ class Explored:
     sweep: Mapping[str, Any] | None = None
 
 
-@checked
-def explore(
-    scenario: str | Path, overrides: Iterable[str] = (), *, progress: Progress | None = None
-) -> str:
-    """The page of a scenario: one self-contained HTML file, as text.
-
-    What moves in it is the loop of `simulate`, compiled to WebAssembly; its numbers are those of
-    `simulate`, bit for bit. A kernel or a capture basin is shown with the law that keeps it.
-    scenario may also be the table of a sweep, "runs/inspection/sweep.nc", or its folder: the page
-    of the swept scenario has a map of the table, and the cell under the pointer runs.
-
-    Raises `ScenarioError` for a scenario of one state or without a law, a law that another
-    controller has, a kernel that is too large, and a sweep that the loop of one page cannot follow;
-    `OutputError` for a file that is damaged.
-    """
-    from holdfast.studies.explored_sweep import explored_sweep, sweep_file
-
-    scenario, changes = str(scenario), list(overrides)
-    table = sweep_file(scenario)
-    if table is not None:
-        return explorer_page(_described(explored_sweep(table, changes, progress)))
-    return page_of(load_scenario(scenario, changes), scenario, changes, progress)
-
-
 def page_of(
     loaded: Any, scenario: str, changes: Sequence[str], progress: Progress | None = None
 ) -> str:
     """The page of what was loaded from the scenario with these changes; refused as by `explore`."""
     if isinstance(loaded, Scenario):
-        return explorer_page(_described(of_loop(loaded, scenario, changes, progress)))
+        return page(of_loop(loaded, scenario, changes, progress))
     if isinstance(loaded, KernelScenario):
-        return explorer_page(
-            _described(_with_copy(explored_kernel(loaded, progress), loaded, scenario, changes))
-        )
+        return page(_with_copy(explored_kernel(loaded, progress), loaded, scenario, changes))
     if isinstance(loaded, PartsScenario):
         raise ScenarioError(
             f"'{scenario}' is put together from parts and has no grid of all its states",
@@ -433,6 +406,11 @@ def _alone(loaded: Scenario, scenario: str, changes: Sequence[str]) -> Law | Swi
         return None
     alone: Law | Switching = other.law
     return alone
+
+
+def page(shown: Explored) -> str:
+    """The file, as text."""
+    return explorer_page(_described(shown))
 
 
 def _described(shown: Explored) -> dict[str, Any]:

@@ -1,11 +1,11 @@
-"""The table of a sweep in a page: the cell under the pointer is what runs."""
+"""The page of a scenario, or of the table of a sweep: the cell under the pointer is what runs."""
 
 from __future__ import annotations
 
 import json
 import shlex
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 from holdfast._version import __version__
 from holdfast.analysis.load import load
 from holdfast.analysis.simulation.sweep_table import TEXTS, Campaign
+from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, OutputError, ScenarioError
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
@@ -34,11 +35,35 @@ from holdfast.studies.exploration import (
     first_starts,
     numbers_of,
     of_loop,
+    page,
+    page_of,
     rest_of,
 )
 from holdfast.studies.sweep import ASKED, content_digest
 
 TABLE = "sweep.nc"
+
+
+@checked
+def explore(
+    scenario: str | Path, overrides: Iterable[str] = (), *, progress: Progress | None = None
+) -> str:
+    """The page of a scenario: one self-contained HTML file, as text.
+
+    What moves in it is the loop of `simulate`, compiled to WebAssembly; its numbers are those of
+    `simulate`, bit for bit. A kernel or a capture basin is shown with the law that keeps it.
+    scenario may also be the table of a sweep, "runs/inspection/sweep.nc", or its folder: the page
+    of the swept scenario has a map of the table, and the cell under the pointer runs.
+
+    Raises `ScenarioError` for a scenario of one state or without a law, a law that another
+    controller has, a kernel that is too large, and a sweep that the loop of one page cannot follow;
+    `OutputError` for a file that is damaged.
+    """
+    scenario, changes = str(scenario), list(overrides)
+    table = sweep_file(scenario)
+    if table is not None:
+        return page(explored_sweep(table, changes, progress))
+    return page_of(load_scenario(scenario, changes), scenario, changes, progress)
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,9 @@ from holdfast.scenario.files import (
     read_tables,
     scenario_names,
 )
+from holdfast.scenario.kinds.closed_loop import resting_places
 from holdfast.scenario.kinds.kernel import KernelResult
 from holdfast.scenario.load import load_scenario
-from holdfast.scenario.resting import resting_places
 from holdfast.studies.disturbance_margin import disturbance_margin
 
 VEHICLE, SCENARIO = "vehicle.toml", "identified.toml"

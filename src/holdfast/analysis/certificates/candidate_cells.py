@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.analysis.certificates.cells import Cells, Truths
-from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.reachability.grid import Grid
+from holdfast.analysis.reachability.march_report import Report
 from holdfast.errors import SimulationError
 from holdfast.maths.definitions.system import System
 
@@ -24,7 +27,27 @@ KEPT, REACHED = (
 """Kinds of sets that are tried without, and with, a target."""
 
 
-def check_candidate(value: ValueFunction, system: System, *, target: bool) -> None:
+@runtime_checkable
+class SetOnGrid(Protocol):
+    """What is read of a value function: V at the nodes of a grid, and of which problem it is."""
+
+    @property
+    def grid(self) -> Grid:
+        """One axis for each state."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The states, in the order of the axes."""
+
+    @property
+    def report(self) -> Report:
+        """The problem, the march and its error estimates."""
+
+    def values(self, time: float | None = None) -> npt.NDArray[Any]:
+        """V at the nodes, with an axis for each state."""
+
+
+def check_candidate(value: SetOnGrid, system: System, *, target: bool) -> None:
     """Refuse the set of another system or problem, and an empty one."""
     report, kinds = value.report, REACHED if target else KEPT
     if value.names != system.state_names or report.system != system.name:
@@ -42,7 +65,7 @@ def check_candidate(value: ValueFunction, system: System, *, target: bool) -> No
         raise SimulationError("the candidate depends on time, and a certificate does not")
 
 
-def touched_by(value: ValueFunction, margin: float) -> Callable[[Cells], Truths]:
+def touched_by(value: SetOnGrid, margin: float) -> Callable[[Cells], Truths]:
     """Which cells may have a state with V > margin: those with such a node in or around them.
 
     Raises `SimulationError` where no node has it.

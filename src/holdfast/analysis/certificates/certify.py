@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from holdfast.analysis.certificates.candidate_cells import check_candidate, touched_by
+from holdfast.analysis.certificates.candidate_cells import SetOnGrid, check_candidate, touched_by
 from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Truths, Wholes
 from holdfast.analysis.certificates.certificate import (
     MOST_CELLS,
@@ -55,7 +55,6 @@ from holdfast.analysis.certificates.problem import (
     parts_of,
     ranges_of,
 )
-from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked, renamed
 from holdfast.errors import SimulationError
 from holdfast.execution.intervals.enclosure import TURN
@@ -318,7 +317,7 @@ def certify(
     halvings: int = 0,
     steps: int | None = None,
     store: str | Path | None = None,
-    candidate: ValueFunction | None = None,
+    candidate: SetOnGrid | None = None,
     margin: float = 0.0,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:

@@ -10,6 +10,7 @@ from functools import reduce
 import numpy as np
 import sympy as sp
 
+from holdfast.analysis.certificates.candidate_cells import SetOnGrid
 from holdfast.analysis.certificates.cells import Halvings
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
@@ -21,7 +22,6 @@ from holdfast.analysis.certificates.outer_cells import (
     free_flow,
     states_of,
 )
-from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
@@ -38,7 +38,7 @@ CROSSINGS = (2.0, 4.0, 8.0, 16.0, 32.0)
 
 
 def kept_outside(
-    value: ValueFunction,
+    value: SetOnGrid,
     system: System,
     region: Region,
     counts: Mapping[str, int],
@@ -111,7 +111,7 @@ def _exchanged(system: System, *, every: bool) -> System:
     )
 
 
-def _less_the_lost(value: ValueFunction, certificate: Certificate) -> OuterSet:
+def _less_the_lost(value: SetOnGrid, certificate: Certificate) -> OuterSet:
     """All cells of the grid but those outside of the region, or certified to lead there."""
     from holdfast.analysis.certificates.arrival import flow_of
 
@@ -130,7 +130,7 @@ def _less_the_lost(value: ValueFunction, certificate: Certificate) -> OuterSet:
 
 
 def _holds(
-    value: ValueFunction, system: System, counts: Mapping[str, int], sample_time: float | None
+    value: SetOnGrid, system: System, counts: Mapping[str, int], sample_time: float | None
 ) -> Iterator[float]:
     """The times that are tried: the given one, or several of those in which a cell is crossed."""
     if sample_time is not None:

@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from holdfast.analysis.certificates.candidate_cells import SetOnGrid
 from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
 from holdfast.analysis.certificates.certificate import Certificate, check_functions
 from holdfast.analysis.certificates.problem import parameters_of, ranges_of
-from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.simulation.files import write_netcdf
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
@@ -123,7 +123,7 @@ class OuterSet:
         return noted.reshape(self.cells.counts)
 
 
-def states_of(value: ValueFunction) -> tuple[tuple[str, str], ...]:
+def states_of(value: SetOnGrid) -> tuple[tuple[str, str], ...]:
     """The names and units of the states of a value function."""
     return tuple((a.name, a.state.unit) for a in value.grid.axes)
 
@@ -142,7 +142,7 @@ def both_bounds(system: System) -> Bounds | None:
     return Product(tuple(parts)) if len(parts) > 1 else parts[0] if parts else None
 
 
-def even_cells(value: ValueFunction, counts: Mapping[str, int]) -> Cells:
+def even_cells(value: SetOnGrid, counts: Mapping[str, int]) -> Cells:
     axes = value.grid.axes
     return Cells.even(
         tuple((a.low, a.high) for a in axes),

@@ -18,12 +18,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from holdfast.analysis.certificates.candidate_cells import SetOnGrid
 from holdfast.analysis.certificates.driven_out import kept_outside
 from holdfast.analysis.certificates.outer_cells import AHEAD, BACK, KEPT, OuterSet
 from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.analysis.certificates.reached_cells import reached_within
 from holdfast.analysis.reachability.problem import with_disturbance
-from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked, renamed
 from holdfast.errors import SimulationError
 from holdfast.maths.definitions.region import Region
@@ -33,7 +33,7 @@ from holdfast.maths.definitions.system import System
 @renamed(refine="halvings")
 @checked
 def outer_set(
-    value: ValueFunction,
+    value: SetOnGrid,
     system: System,
     region: Region | None,
     *,

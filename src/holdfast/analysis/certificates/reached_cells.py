@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from holdfast.analysis.certificates.candidate_cells import SetOnGrid
 from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
 from holdfast.analysis.certificates.certify import comes_back
 from holdfast.analysis.certificates.images import where
@@ -19,7 +20,6 @@ from holdfast.analysis.certificates.outer_cells import (
     states_of,
 )
 from holdfast.analysis.certificates.problem import parameters_of
-from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import HeldFlow
@@ -51,7 +51,7 @@ def _possible(system: System, region: Region) -> Callable[[Floats, Floats], Trut
 
 
 def reached_within(
-    value: ValueFunction,
+    value: SetOnGrid,
     system: System,
     start: Region,
     within: Region | None,

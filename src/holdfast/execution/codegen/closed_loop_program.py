@@ -49,8 +49,8 @@ from holdfast.maths.definitions.quantity import (
     symbol,
 )
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.switching import Switching, as_switching, check_outputs
-from holdfast.maths.definitions.system import System, by_measurements
+from holdfast.maths.definitions.switching import Switching, as_switching
+from holdfast.maths.definitions.system import System, by_measurements, check_outputs
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.traversal import exchanged, symbols_of
 

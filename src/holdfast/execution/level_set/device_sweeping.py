@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,14 +28,11 @@ from holdfast.execution.level_set.stage_leaf import Stage, names_of_numbers
 from holdfast.execution.level_set.sweeping import (
     Counts,
     Fold,
+    Marched,
     first_not_finite,
     layout,
     on_one_side,
 )
-
-if TYPE_CHECKING:
-    from holdfast.execution.level_set.march import March
-
 
 MOST_NODES = 256
 """Nodes of a unit, at most."""
@@ -256,7 +253,7 @@ class DeviceSweeping:
 
     def __init__(
         self,
-        march: March,
+        march: Marched,
         device: Device,
         values: Array,
         upper: Array | None,

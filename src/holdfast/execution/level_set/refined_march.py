@@ -51,6 +51,8 @@ from holdfast.execution.level_set.sweeping import (
 class Level(MarchArrays):
     """The arrays of a march, and one step of it."""
 
+    march: March
+
     def __init__(
         self,
         march: March,

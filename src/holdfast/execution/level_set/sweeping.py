@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -34,12 +34,9 @@ from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.codegen.scalar_llvm import scalars_text
 from holdfast.execution.codegen.scalar_reader import read
 from holdfast.execution.leaf import compiled_text
-from holdfast.execution.level_set.stage_leaf import INFINITE
+from holdfast.execution.level_set.schemes import Scheme
+from holdfast.execution.level_set.stage_leaf import INFINITE, MarchLeaves
 from holdfast.execution.resources import Memory, Room
-
-if TYPE_CHECKING:
-    from holdfast.execution.level_set.march import March
-
 
 Flags = npt.NDArray[np.uint8]
 Places = npt.NDArray[np.int64]
@@ -374,6 +371,37 @@ class _Other(threading.Thread):
         return self.counts
 
 
+class RungeKuttaStages(Protocol):
+    @property
+    def stages(self) -> int:
+        """Of a step."""
+
+
+class Marched(Protocol):
+    """What the holder of the values reads of a march (`march.py`)."""
+
+    code: SweepCode
+    scheme: Scheme
+    precision: str
+    fold: Fold | None
+    axes: npt.NDArray[np.float64]
+    shape: Places
+    cut: Places
+    kinds: Places
+    nodes: int
+    units: int
+    places: int
+    threads: int
+
+    @property
+    def method(self) -> RungeKuttaStages:
+        """Of the steps."""
+
+    @property
+    def leaves(self) -> MarchLeaves:
+        """What the sweep calls."""
+
+
 class MarchArrays:
     """arrays[0] are the values at the beginning of a step and at its end, the others those of its
     stages. flags: of every stage the units that are to be computed.
@@ -383,7 +411,7 @@ class MarchArrays:
 
     def __init__(
         self,
-        march: March,
+        march: Marched,
         values: Array,
         upper: Array | None,
         lower: Array | None,
@@ -532,7 +560,7 @@ class Sweeping(MarchArrays):
 
     def __init__(
         self,
-        march: March,
+        march: Marched,
         values: Array,
         upper: Array | None,
         lower: Array | None,

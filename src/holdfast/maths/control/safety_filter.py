@@ -74,14 +74,8 @@ from holdfast.maths.definitions.quantity import (
     symbol,
 )
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.switching import (
-    Memory,
-    Switching,
-    as_switching,
-    check_outputs,
-    joined,
-)
-from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.switching import Memory, Switching, as_switching, joined
+from holdfast.maths.definitions.system import System, check_outputs
 from holdfast.maths.expressions.random_points import is_zero
 from holdfast.maths.expressions.traversal import at_numbers, derivatives, exchanged, symbols_of
 

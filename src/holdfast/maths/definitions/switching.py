@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import sympy as sp
 
@@ -28,9 +27,6 @@ from holdfast.maths.definitions.quantity import (
     merge_parameters,
 )
 from holdfast.maths.expressions.canonical import canonical
-
-if TYPE_CHECKING:
-    from holdfast.maths.definitions.system import System
 
 
 @checked
@@ -220,17 +216,3 @@ def as_switching(law: Law | Switching) -> Switching:
         description=law.description,
         source=law.source,
     )
-
-
-def check_outputs(system: System, law: Law | Switching) -> None:
-    """Refuse a law whose outputs are not the inputs of the system."""
-    outputs, wanted = law.output_names, system.input_names
-    if len(outputs) != len(wanted) or set(outputs) != set(wanted):
-        raise DefinitionError(
-            f"law '{law.name}' gives {', '.join(outputs)}",
-            expected=f"the inputs of system '{system.name}': " + ", ".join(wanted),
-            remedy="its outputs are velocities: let the inputs track them (track_velocity, or "
-            "[tracking] in a scenario)"
-            if set(outputs) <= set(system.state_names)
-            else "",
-        )

@@ -331,6 +331,20 @@ class System:
         return {name: rate.subs(still) for name, rate in self.rates.items()}
 
 
+def check_outputs(system: System, law: Law | Switching) -> None:
+    """Refuse a law whose outputs are not the inputs of the system."""
+    outputs, wanted = law.output_names, system.input_names
+    if len(outputs) != len(wanted) or set(outputs) != set(wanted):
+        raise DefinitionError(
+            f"law '{law.name}' gives {', '.join(outputs)}",
+            expected=f"the inputs of system '{system.name}': " + ", ".join(wanted),
+            remedy="its outputs are velocities: let the inputs track them (track_velocity, or "
+            "[tracking] in a scenario)"
+            if set(outputs) <= set(system.state_names)
+            else "",
+        )
+
+
 def check_rates(law: str, system: System, wanted: Callable[..., System], *arguments: Any) -> None:
     """Refuse a system whose undisturbed rates are not those of `wanted`(*arguments).
 
