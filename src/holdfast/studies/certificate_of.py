@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.analysis.certificates.certificate import Certificate, Range
+from holdfast.analysis.certificates.certificate import Certificate, Range, written
 from holdfast.analysis.certificates.certified_law import cell_table, check_fits
 from holdfast.analysis.certificates.flowpipe import read_statement, statement
 from holdfast.analysis.certificates.law_cells import law_of_cases
-from holdfast.analysis.certificates.law_written import written
 from holdfast.analysis.certificates.problem import ROUNDED, parameters_of, parts_of
 from holdfast.analysis.certificates.reading import unchecked
 from holdfast.errors import OutputError, ScenarioError

@@ -14,13 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from holdfast.analysis.certificates.advice import Advice, Change
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
 from holdfast.analysis.certificates.images import forget
-from holdfast.analysis.certificates.largest import CertifiedTrial, LargestCertified
-from holdfast.analysis.certificates.outer_cells import OuterSet
-from holdfast.analysis.certificates.outer_set import outer_set
+from holdfast.analysis.certificates.largest import Advice, CertifiedTrial, Change, LargestCertified
+from holdfast.analysis.certificates.outer_set import OuterSet, outer_set
 from holdfast.analysis.certificates.problem import INPUTS, counts_of
 from holdfast.analysis.load import load
 from holdfast.analysis.reachability.solve import Answer, search

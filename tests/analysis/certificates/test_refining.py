@@ -11,9 +11,9 @@ import sympy as sp
 import holdfast as hf
 from holdfast.analysis.certificates.cells import Cells, Halvings
 from holdfast.analysis.certificates.certificate import ENTRY
+from holdfast.analysis.certificates.certified_law import Proof
 from holdfast.analysis.certificates.certify import settled_kept
 from holdfast.analysis.certificates.images import BEST, Images
-from holdfast.analysis.certificates.proof import Proof
 from holdfast.analysis.certificates.reading import unchecked
 from holdfast.errors import OutputError, SimulationError
 from holdfast.maths.expressions.functions import sgn

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.certificates.proof import Proof
+from holdfast.analysis.certificates.certified_law import Proof
 from holdfast.errors import DefinitionError, SimulationError
 from tests.adversary import CORNERS, most, moved, starts_in, worst_of
 from tests.certified_systems import AHEAD, BOX, CART, LEFT, camera, cart, view

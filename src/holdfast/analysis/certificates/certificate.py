@@ -1,27 +1,175 @@
-"""Certificates: what is proved of a vehicle, as a file that another program checks."""
+"""Certificates: what is proved of a vehicle, as a file that another program checks.
+
+The header of the file has the cases of a law too. At the target of its certificate a law stays as
+long as it can.
+"""
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
-from holdfast.analysis.certificates.images import forget
-from holdfast.analysis.certificates.kept_set import Kept
-from holdfast.analysis.certificates.law_written import written
+from holdfast.analysis.certificates.cells import (
+    Cells,
+    Counted,
+    Floats,
+    Halvings,
+    Kept,
+    Truths,
+    Wholes,
+)
+from holdfast.analysis.certificates.images import Images, forget, images, sure_of
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.intervals.held_flow import Sampling
+from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
+from holdfast.execution.intervals.law_ranges import TableRanges
 from holdfast.host.files import atomic_file
-from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.definitions.law import LawCases, Lookup, Option, Program
+from holdfast.maths.definitions.quantity import TIME, TIME_IN_MODE, symbol
 from holdfast.maths.expressions.traversal import exact, plain_text
+
+MOST_OF_NODES, ROOM = 64, 1 << 20
+"""How many times as long as its packed form a table of a file may be, beside so many bytes."""
+
+LAW = {"names", "initial", "modes", "parts", "under_way", "table"}
+PROGRAM = {"wanted", "rows", "hard", "scales", "limits", "box"}
+
+Ranges = Sequence[tuple[float, float]]
+Read = Callable[[object, Mapping[str, sp.Expr]], sp.Expr]
+
+
+def written(law: LawCases, under_way: Ranges, text: Callable[[sp.Expr], str]) -> dict[str, Any]:
+    """Plain data; text: of an expression."""
+
+    def texts(expressions: Sequence[sp.Expr]) -> list[str]:
+        return [text(e) for e in expressions]
+
+    def inputs_of(o: Option | Program) -> Any:
+        if isinstance(o, Option):
+            return texts(o.inputs)
+        return {
+            "wanted": None if o.wanted is None else texts(o.wanted),
+            "rows": [texts(row) for row in o.rows],
+            "hard": o.hard,
+            "scales": texts(o.scales),
+            "limits": texts(o.limits),
+            "box": None if o.box is None else [texts(ends) for ends in o.box],
+        }
+
+    return {
+        "names": list(law.modes),
+        "initial": law.initial,
+        "modes": [[[texts(o.when), inputs_of(o), o.to] for o in mode] for mode in law.options],
+        "parts": [_hexadecimal(edges) for edges in law.parts],
+        "under_way": [_hexadecimal(ends) for ends in under_way],
+        "table": None if law.lookup is None else _table(law.lookup, texts(law.lookup.places)),
+    }
+
+
+def read(law: Any, names: Mapping[str, sp.Expr], read: Read) -> tuple[LawCases, Ranges]:
+    """The law of a header, and its inputs that may be under way; read: of the text of expressions.
+
+    Raises what `read` does, and `ValueError`, `KeyError` or `TypeError` for other content.
+    """
+    if law.keys() != LAW:
+        raise ValueError(f"the law has other parts: {', '.join(sorted(law.keys() ^ LAW))}")
+    table = law["table"]
+    lookup = None if table is None else _lookup(table, names, read)
+    symbols = {**names, TIME_IN_MODE.name: TIME_IN_MODE}
+    symbols |= {s.name: s for s in (lookup.symbols if lookup else ())}
+    modes, initial = tuple(map(str, law["names"])), law["initial"]
+    numbers = [initial, *(to for mode in law["modes"] for _, _, to in mode)]
+    if len(modes) != len(law["modes"]) or any(
+        type(k) is not int or not 0 <= k < len(modes) for k in numbers
+    ):
+        raise ValueError("the law has a mode that there is none of")
+
+    def several(texts: Any) -> tuple[sp.Expr, ...]:
+        return tuple(read(e, symbols) for e in texts)
+
+    def option(when: Any, inputs: Any, to: int) -> Option | Program:
+        if not isinstance(inputs, dict):
+            return Option(several(when), several(inputs), to)
+        if inputs.keys() != PROGRAM:
+            raise ValueError("the program of a safeguard has other parts")
+        wanted, box = inputs["wanted"], inputs["box"]
+        return Program(
+            several(when), None if wanted is None else several(wanted),
+            tuple(map(several, inputs["rows"])), int(inputs["hard"]), several(inputs["scales"]),
+            several(inputs["limits"]),
+            None if box is None else tuple((low, high) for low, high in map(several, box)), to,
+        )  # fmt: skip
+
+    options = tuple(tuple(option(*o) for o in mode) for mode in law["modes"])
+    parts = tuple(tuple(map(float.fromhex, edges)) for edges in law["parts"])
+    under_way = tuple((float.fromhex(a), float.fromhex(b)) for a, b in law["under_way"])
+    return LawCases(modes, initial, options, parts, lookup), under_way
+
+
+def _table(lookup: Lookup, places: list[str]) -> dict[str, Any]:
+    """Its nodes, and those of its slopes, between what these lie as differences of floats."""
+    ranges = TableRanges(lookup.table)
+    nodes = zip(lookup.symbols, ranges.nodes, strict=True)
+    ends = [_hexadecimal(e) for e in zip(ranges.low, ranges.steps, strict=True)]
+    axes = zip(places, ends, ranges.shape, ranges.periodic, strict=True)
+    return {
+        "axes": [list(axis) for axis in axes],
+        "nodes": {s.name: [_packed(end) for end in ends] for s, ends in nodes},
+    }
+
+
+def _lookup(table: Any, names: Mapping[str, sp.Expr], read: Read) -> Lookup:
+    texts, ends, shape, periodic = zip(*table["axes"], strict=True)
+    low, steps = np.array([[float.fromhex(v) for v in axis] for axis in ends]).T
+    lookup = Lookup(tuple(read(e, names) for e in texts), None)
+    nodes = {name: [_unpacked(end) for end in ends] for name, ends in table["nodes"].items()}
+    if nodes.keys() != {s.name for s in lookup.symbols}:
+        raise ValueError("a table has other names")
+    values = nodes[lookup.value.name][0]
+    counts = np.array(shape, dtype=np.int64)
+    if len(values) != counts.prod() or counts.min() < 2 or not (steps > 0).all():
+        raise ValueError("the nodes of a table are not as many as its axes say")
+    numbers = (values, low, steps, counts, np.array(periodic, dtype=bool))
+    computed = TableRanges(numbers).nodes
+    for s, ends in zip(lookup.symbols, computed, strict=True):
+        if not all(map(np.array_equal, nodes[s.name], (e.ravel() for e in ends))):
+            raise ValueError("the slopes of a table are not those of its values")
+    return replace(lookup, table=numbers)
+
+
+def unpacked(packed: bytes, times: int) -> bytes:
+    """What is packed: so many times as long at most, so that a small file takes little memory.
+
+    Raises `ValueError` for more.
+    """
+    most = times * len(packed) + ROOM
+    numbers = zlib.decompressobj().decompress(packed, most + 1)
+    if len(numbers) > most:
+        raise ValueError(f"it unpacks to more than {times} times its length")
+    return numbers
+
+
+def _unpacked(text: str) -> Any:
+    numbers = unpacked(base64.b64decode(text), MOST_OF_NODES)
+    return np.frombuffer(numbers, dtype="<f8").astype(np.float64)
+
+
+def _packed(values: Any) -> str:
+    numbers = np.ascontiguousarray(values, dtype="<f8").tobytes()
+    return base64.b64encode(zlib.compress(numbers, 6)).decode("ascii")
+
+
+def _hexadecimal(values: Any) -> list[str]:
+    return [float(v).hex() for v in values]
+
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
@@ -131,7 +279,7 @@ class Certificate:
                 f"{total} cells and {len(self.candidates)} inputs",
                 expected=f"fewer than {MOST_CELLS} and {MOST_INPUTS} in a certificate",
             )
-        packed = zlib.compress(_packed(self.kept.entries), 6)
+        packed = zlib.compress(_rows(self.kept.entries), 6)
         write_checked(path, MAGIC, self.header(), packed)
         forget(path.parent)
         return path
@@ -179,7 +327,7 @@ def check_names(names: Iterable[str]) -> None:
             )
 
 
-def _packed(entries: Wholes) -> bytes:
+def _rows(entries: Wholes) -> bytes:
     rows = np.empty(len(entries), dtype=ENTRY)
     for k, name in enumerate(ENTRY.names or ()):
         rows[name] = entries[:, k]
@@ -200,3 +348,69 @@ def ranged(
     return [
         {"name": n, "unit": u, "range": [float(v).hex() for v in ranges[n]]} for n, u in quantities
     ]
+
+
+NONE = -1
+
+
+def flow_of(certificate: Certificate) -> HeldFlow:
+    """The enclosures that a certificate was found with."""
+    ranges = certificate.ranges
+    return HeldFlow(
+        certificate.rates,
+        [e for _, _, e in certificate.constraints],
+        [symbol(n) for n, _ in certificate.states],
+        [symbol(n) for n, _ in certificate.inputs],
+        {symbol(n): ranges[n] for n, _ in certificate.disturbances},
+        {symbol(n): ranges[n] for n, _ in certificate.parameters},
+        certificate.sampling,
+        [e for _, _, e in certificate.target],
+    )
+
+
+def inputs_at_target(certificate: Certificate) -> tuple[Wholes, Wholes]:
+    """The cells of the target, and for each the input that was tried and is best there.
+
+    That is one which keeps the target at every sample from now on; where none does, one which leads
+    to cells of the target or to certified ones; NONE where none does either. The region is kept on
+    the way. Of several it is the one that is nearest to zero, in parts of what was tried.
+    """
+    cells, tried = certificate.cells, certificate.candidates
+    flow = flow_of(certificate)
+    target = sure_of(flow.arrived, Halvings(cells, certificate.kept.depth))
+    all_images = images(flow, cells, tried, target, lambda what, share: None)
+    stays = np.ones(len(target), dtype=bool)
+    while True:
+        leads = _led(all_images, stays, Counted(cells, _noted(certificate, target[stays])))
+        if (stays == (stays & leads.any(axis=1))).all():
+            break
+        stays &= leads.any(axis=1)
+    certified = np.concatenate([target, certificate.kept.members])
+    again = _led(all_images, ~stays, Counted(cells, _noted(certificate, certified)))
+    leads = np.where(stays[:, None], leads, again)
+    order = _from_zero(tried)
+    first = order[leads[:, order].argmax(axis=1)]
+    return target, np.where(leads.any(axis=1), first, NONE)
+
+
+def _noted(certificate: Certificate, of: Wholes) -> Truths:
+    noted = np.zeros(int(np.prod(certificate.cells.counts)), dtype=bool)
+    noted[of] = True
+    return noted
+
+
+def _led(images: Images, rows: Truths, into: Counted) -> Truths:
+    """Whether each input leads from each of these cells into a set, shape (cells, inputs)."""
+    asked = images.usable & rows[:, None]
+    leads = np.zeros(asked.shape, dtype=bool)
+    leads[asked] = into.all_of(
+        images.first[asked].astype(np.int64), images.last[asked].astype(np.int64)
+    )
+    return leads
+
+
+def _from_zero(tried: Floats) -> Wholes:
+    """The numbers of inputs, those that are nearest to zero first."""
+    most = np.abs(tried).max(axis=0)
+    order: Wholes = ((tried / np.where(most > 0, most, 1)) ** 2).sum(axis=1).argsort(kind="stable")
+    return order

@@ -1,4 +1,4 @@
-"""The largest number for which a certificate is found: the trials of a bisection."""
+"""The largest number for which a certificate is found, and what other numbers would certify."""
 
 from __future__ import annotations
 
@@ -77,3 +77,26 @@ class LargestCertified:
             "trials": [t.summary() for t in self.trials],
             "certificate": None if self.found is None else self.found.summary(),
         }
+
+
+@dataclass(frozen=True)
+class Change:
+    """One number changed alone.
+
+    option: of the command. share: that is certified with it, `before`: without it, on as many
+    `cells`; none where these are those of the option, or those that were asked for.
+    """
+
+    option: str
+    share: float
+    before: float
+    cells: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Advice:
+    """tried: the options of all trials that ran. changes: the best of sample times, of cells and
+    of inputs, where they gain, the best one first."""
+
+    tried: tuple[str, ...]
+    changes: tuple[Change, ...]

@@ -15,10 +15,9 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Truths, Wholes
+from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Kept, Truths, Wholes
 from holdfast.analysis.certificates.certificate import Range
 from holdfast.analysis.certificates.images import BLOCK, where
-from holdfast.analysis.certificates.kept_set import Kept
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.codegen.closed_loop_program import ControllerProgram, controller_program
 from holdfast.execution.intervals.held_flow import HeldFlow

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Cells, Floats, Halvings, Truths, Wholes
+from holdfast.analysis.certificates.cells import Cells, Floats, Halvings, Kept, Truths, Wholes
 from holdfast.analysis.certificates.certificate import (
     ENTRY,
     KNOWN,
@@ -30,12 +30,13 @@ from holdfast.analysis.certificates.certificate import (
     MOST_STEPS,
     Certificate,
     Range,
+    Ranges,
     check_names,
+    read,
+    unpacked,
 )
 from holdfast.analysis.certificates.certified_law import KEYS
 from holdfast.analysis.certificates.images import sure_of
-from holdfast.analysis.certificates.kept_set import Kept
-from holdfast.analysis.certificates.law_written import Ranges, read, unpacked
 from holdfast.analysis.certificates.the_checker import check_content
 from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, HoldfastError, OutputError

@@ -16,11 +16,11 @@ import sympy as sp
 
 from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.certified_law import (
+    Proof,
     certified_system,
     check_fits,
     check_usable,
 )
-from holdfast.analysis.certificates.proof import Proof
 from holdfast.analysis.online.controller import Given, numbers, time_of
 from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.arguments import checked

@@ -12,12 +12,11 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from holdfast.analysis.certificates.advice import Advice
 from holdfast.analysis.certificates.cells import Cells, Floats
 from holdfast.analysis.certificates.certificate import Certificate
-from holdfast.analysis.certificates.largest import LargestCertified
+from holdfast.analysis.certificates.largest import Advice, LargestCertified
 from holdfast.analysis.certificates.law_keeps import LawJudgement
-from holdfast.analysis.certificates.outer_cells import OuterSet
+from holdfast.analysis.certificates.outer_set import OuterSet
 from holdfast.analysis.reachability.solve import Answer
 from holdfast.arguments import checked
 from holdfast.presentation.figures import style
