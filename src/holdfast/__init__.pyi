@@ -54,12 +54,12 @@ from .analysis.reachability.value_function import ValueFunction as ValueFunction
 from .analysis.safety.equilibria import RestingState as RestingState
 from .analysis.safety.equilibria import resting_directions as resting_directions
 from .analysis.safety.equilibria import resting_state as resting_state
+from .analysis.safety.gain_conditions import GainWindow as GainWindow
+from .analysis.safety.gain_conditions import visibility_gains as visibility_gains
 from .analysis.safety.safety_filter import safety_law as safety_law
 from .analysis.safety.safety_filter import sampled_margin as sampled_margin
 from .analysis.safety.validation import Promise as Promise
 from .analysis.safety.validation import check_promise as check_promise
-from .analysis.safety.visibility_gains import GainWindow as GainWindow
-from .analysis.safety.visibility_gains import visibility_gains as visibility_gains
 from .analysis.simulation.law_comparison import Comparison as Comparison
 from .analysis.simulation.result import Result as Result
 from .analysis.simulation.result import station_statistics as station_statistics
@@ -150,8 +150,8 @@ from .presentation.figures.flow_lines import flow_lines_figure as flow_lines_fig
 from .presentation.figures.histories import histories_figure as histories_figure
 from .presentation.figures.optimal_input import optimal_input_figure as optimal_input_figure
 from .presentation.figures.paths import paths_figure as paths_figure
-from .presentation.figures.regulation_map import regulation_map_figure as regulation_map_figure
 from .presentation.figures.surface import surface_figure as surface_figure
+from .presentation.figures.value_function import regulation_map_figure as regulation_map_figure
 from .presentation.figures.value_function import value_function_figure as value_function_figure
 from .presentation.studies.certificate import certificate_figure as certificate_figure
 from .presentation.studies.comparison import comparison_figure as comparison_figure

@@ -34,7 +34,7 @@ from holdfast.interop.ros2 import (  # noqa: E402
     serve,
 )
 from holdfast.interop.ros2 import node as wire  # noqa: E402
-from holdfast.interop.ros2.nodes import Loop  # noqa: E402
+from holdfast.interop.ros2.node import Loop  # noqa: E402
 
 LOST_BY_THE_CONTROLLER = ([-1.3, 0.75, -0.35], [-1.06, -0.49, 0.78], [-1.05, 0.59, -0.44])
 """Starts in the view from which the controller of docs/own_controller.md loses it within 2 s."""

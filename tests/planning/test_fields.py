@@ -10,8 +10,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.maths.expressions.functions import greatest
-from holdfast.maths.formations.cell_field import blended, direction_of, exit_field
-from holdfast.maths.formations.footprint import edges, polygon
+from holdfast.maths.formations.footprint import blended, direction_of, edges, exit_field, polygon
 from holdfast.planning.environment import DEPTH, environment, plan_route, route_fields
 from tests.planning.spaces import CORNER, box, ring
 

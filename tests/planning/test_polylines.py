@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.planning.polylines import kept_points
+from holdfast.planning.obstacles import kept_points
 
 
 def farthest(points, line):

@@ -18,7 +18,7 @@ from scipy.stats import qmc
 
 import holdfast as hf
 from holdfast.errors import HoldfastError, OutputError, ScenarioError
-from holdfast.interop.cluster import cluster_executor
+from holdfast.interop.march_cluster import cluster_executor
 from holdfast.presentation.figures import style
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.load import scenario_of

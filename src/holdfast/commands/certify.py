@@ -301,7 +301,7 @@ def _of_law(
 
 
 def _of_box(scenario: str, overrides: tuple[str, ...], options: dict[str, Any]) -> _Answer:
-    from holdfast.presentation.studies.flowpipe import flowpipe_text
+    from holdfast.presentation.studies.certificate import flowpipe_text
     from holdfast.studies.law_certification import flowpipe_of, write_flowpipe
 
     return _Answer(

@@ -68,7 +68,7 @@ def command(
     with ExitStack() as stack:
         executor = None
         if cluster is not None:
-            from holdfast.interop.cluster import cluster_executor
+            from holdfast.interop.march_cluster import cluster_executor
 
             executor, cores = stack.enter_context(cluster_executor(cluster))
             workers = workers or cores

@@ -6,8 +6,24 @@ import errno
 import re
 import socket
 from collections.abc import Iterator
+from typing import Self
 
 from holdfast.errors import SimulationError
+
+
+class Closing:
+    """A context that calls its `close`."""
+
+    def close(self) -> None:
+        """Close what is open; a second time does nothing."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
 
 Address = tuple[str, int]
 LONGEST = 65536

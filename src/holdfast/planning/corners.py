@@ -31,7 +31,7 @@ from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.expressions.functions import length, magnitude, wrap
-from holdfast.maths.formations.cell_field import direction_of
+from holdfast.maths.formations.footprint import direction_of
 from holdfast.maths.reference_fields.dipole import UNSEEN
 from holdfast.planning.environment import Environment, Fields, Leg, Passage, X, Y, shown
 

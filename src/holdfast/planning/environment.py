@@ -26,14 +26,16 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
 from holdfast.host.files import read_small_text
 from holdfast.maths.definitions.quantity import Parameter, symbol
-from holdfast.maths.formations.cell_field import (
+from holdfast.maths.formations.footprint import (
+    Edge,
     Field,
     blended,
     direction_of,
+    edges,
     exit_field,
     goal_field,
+    polygon,
 )
-from holdfast.maths.formations.footprint import Edge, edges, polygon
 
 Point = tuple[float, float]
 

@@ -1,16 +1,22 @@
-"""Polygons as obstacles of any vehicle with a position: a region by exact distances."""
+"""Polygons as obstacles of any vehicle with a position: a region by exact distances.
+
+Lines through many points are drawn by few of them.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
+import numpy as np
 import shapely
 import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
+from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Inequality, Region, Segment
 from holdfast.maths.definitions.system import System
@@ -155,3 +161,15 @@ def _drawn(polygon: shapely.Polygon) -> list[Segment]:
         Segment("wall", (numbers[i], numbers[i + 1]), (numbers[i + 2], numbers[i + 3]))
         for i in range(0, len(ends), 4)
     ]
+
+
+def kept_points(line: Array, within: float) -> Any:
+    """The numbers of the points by which a line, shape (n, 2), is drawn, in order.
+
+    No point of the line is farther than `within` from the line through these (Douglas and Peucker).
+    """
+    if len(line) < 3:
+        return np.arange(len(line))
+    numbered = shapely.linestrings(np.column_stack([line, np.arange(len(line))]))
+    drawn = shapely.simplify(numbered, within, preserve_topology=False)
+    return shapely.get_coordinates(drawn, include_z=True)[:, 2].astype(int)

@@ -140,7 +140,7 @@ def write_flowpipe(pipe: Flowpipe, folder: Path, *, figures: bool) -> list[Path]
     ]
     if figures and len(pipe.states) > 1:
         from holdfast.presentation.figures import style
-        from holdfast.presentation.studies.flowpipe import flowpipe_figure
+        from holdfast.presentation.studies.certificate import flowpipe_figure
 
         files += style.write(flowpipe_figure(pipe), folder, "flowpipe")
     return files

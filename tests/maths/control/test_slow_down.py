@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.control.slow_down import slowed_down
+from holdfast.maths.nonholonomic.chained_feedback import slowed_down
 
 CAR = {"k1": 0.5, "poles": -1.0, "threshold": 3.0, "escape_speed": 0.2, "escape_time": 15.0}
 TRAILER = {

@@ -15,8 +15,15 @@ except ModuleNotFoundError as error:
         remedy='python -m pip install "holdfast[interop]"',
     ) from None
 
-from holdfast.interop.ros2.node import Network, Node, router
-from holdfast.interop.ros2.nodes import ControllerNode, FilterNode, VehicleNode, serve
+from holdfast.interop.ros2.node import (
+    ControllerNode,
+    FilterNode,
+    Network,
+    Node,
+    VehicleNode,
+    router,
+    serve,
+)
 from holdfast.interop.ros_messages import Interface, MessageError
 
 __all__ = [

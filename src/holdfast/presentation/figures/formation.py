@@ -22,7 +22,7 @@ from holdfast.host.files import atomic_file
 from holdfast.maths.definitions.region import Footprint
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.presentation.figures import style
-from holdfast.presentation.figures.shapes import draw_fixed, seen_from
+from holdfast.presentation.figures.style import draw_fixed, seen_from
 
 FRAMES_PER_SECOND = 12
 

@@ -20,7 +20,7 @@ from holdfast.errors import OutputError
 from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.region import Shape
 from holdfast.presentation.figures import level_sets, style
-from holdfast.presentation.figures.shapes import draw_fixed, labelled
+from holdfast.presentation.figures.style import draw_fixed, labelled
 from holdfast.presentation.figures.value_function import check_same_states, look_at, told, where
 
 POSITIVE, NEGATIVE = "#f6cf85", "#9fd0ee"  # tints of orange and sky

@@ -26,7 +26,7 @@ from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Cone, Footprint, Segment
 from holdfast.maths.expressions.numeric import Values, evaluated, parameter_values
 from holdfast.presentation.figures import style
-from holdfast.presentation.figures.shapes import draw_fixed, seen_from
+from holdfast.presentation.figures.style import draw_fixed, seen_from
 
 FAR = 4.0
 """A path that goes this many times as far as half of them is cut at the frame."""

@@ -18,7 +18,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.maths.definitions.region import Circle, Segment
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
-from holdfast.planning.polylines import kept_points
+from holdfast.planning.obstacles import kept_points
 from holdfast.presentation.figures import level_sets, style
 from holdfast.presentation.figures.formation import Ground, robots_of
 from holdfast.presentation.figures.paths import Frame, frame_of, target_ends

@@ -18,11 +18,11 @@ from sympy.printing.pretty.stringpict import prettyForm
 
 from holdfast.maths.catalogue import laws
 from holdfast.maths.catalogue.signature import is_made_for
-from holdfast.maths.control.slow_down import can_stop
 from holdfast.maths.definitions.quantity import Quantity, symbol
 from holdfast.maths.definitions.system import System
 from holdfast.maths.nonholonomic.chained_feedback import (
     POLE,
+    can_stop,
     chained_feedback,
     closed_loop_matrix,
     gains_for_poles,

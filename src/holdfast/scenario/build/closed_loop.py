@@ -140,7 +140,7 @@ def in_view(law: Law | Switching, region: Region | None) -> Law | Switching:
     """A follower's law with the conditions under which it never loses its leader in `region`."""
     if region is None or not isinstance(law, Law) or law.name not in FOLLOWERS:
         return law
-    from holdfast.analysis.safety.visibility_gains import visibility_conditions  # SciPy
+    from holdfast.analysis.safety.gain_conditions import visibility_conditions  # SciPy
 
     return replace(law, conditions=(*law.conditions, *visibility_conditions(law, region)))
 

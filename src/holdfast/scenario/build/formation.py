@@ -11,7 +11,7 @@ from typing import Any
 
 import sympy as sp
 
-from holdfast.analysis.safety.visibility_gains import check_view, visibility_gains
+from holdfast.analysis.safety.gain_conditions import check_view, visibility_gains
 from holdfast.analysis.simulation.starts import Starts
 from holdfast.errors import GainWarning, ScenarioError
 from holdfast.maths.catalogue.laws.follow_leader import SEEN, TURNS

@@ -7,10 +7,13 @@ from dataclasses import replace
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.control.slow_down import slowed_down
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.nonholonomic.chained_feedback import Pole, steer_in_chained_coordinates
+from holdfast.maths.nonholonomic.chained_feedback import (
+    Pole,
+    slowed_down,
+    steer_in_chained_coordinates,
+)
 from holdfast.maths.nonholonomic.chained_search import find_chained_form
 from holdfast.maths.nonholonomic.structure import structure
 
