@@ -23,7 +23,7 @@ from .analysis.decomposition.decompose import solve_parts as solve_parts
 from .analysis.decomposition.decomposition import Decomposition as Decomposition
 from .analysis.decomposition.parts_law import parts_law as parts_law
 from .analysis.decomposition.parts_value import PartsValue as PartsValue
-from .analysis.identification.identified import Identified as Identified
+from .analysis.identification.fit import Identified as Identified
 from .analysis.identification.identify import identify as identify
 from .analysis.identification.log import Log as Log
 from .analysis.identification.log import Signal as Signal
@@ -88,7 +88,6 @@ from .maths.catalogue.vehicles import load_vehicle as load_vehicle
 from .maths.control.barrier_conditions import outward_rates as outward_rates
 from .maths.control.barrier_conditions import viability_conditions as viability_conditions
 from .maths.control.blended_redesign import redesign as redesign
-from .maths.control.command import commanded as commanded
 from .maths.control.gain_conditions import ultimate_bound as ultimate_bound
 from .maths.control.observer import observe as observe
 from .maths.control.observer import observe_set as observe_set
@@ -97,6 +96,7 @@ from .maths.control.safety_filter import limit_rates as limit_rates
 from .maths.control.safety_filter import safeguard as safeguard
 from .maths.control.unmodelled import add_unmodelled as add_unmodelled
 from .maths.control.unmodelled import cancel_unmodelled as cancel_unmodelled
+from .maths.control.velocity_tracking import commanded as commanded
 from .maths.control.velocity_tracking import track_velocity as track_velocity
 from .maths.definitions.bounds import Ball as Ball
 from .maths.definitions.bounds import Box as Box
@@ -148,9 +148,9 @@ from .maths.reference_fields.field import Field as Field
 from .planning.obstacles import obstacles as obstacles
 from .presentation.figures.flow_lines import flow_lines_figure as flow_lines_figure
 from .presentation.figures.histories import histories_figure as histories_figure
-from .presentation.figures.optimal_input import optimal_input_figure as optimal_input_figure
 from .presentation.figures.paths import paths_figure as paths_figure
 from .presentation.figures.surface import surface_figure as surface_figure
+from .presentation.figures.value_function import optimal_input_figure as optimal_input_figure
 from .presentation.figures.value_function import regulation_map_figure as regulation_map_figure
 from .presentation.figures.value_function import value_function_figure as value_function_figure
 from .presentation.studies.certificate import certificate_figure as certificate_figure

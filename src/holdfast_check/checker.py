@@ -371,7 +371,7 @@ def main() -> None:
         tell = _tell if sys.stderr.isatty() else None
         said = checked(asked.file, asked.share, asked.seed, tell)
         if asked.expect:
-            holdfast = importlib.import_module("holdfast.studies.certificate_of")
+            holdfast = importlib.import_module("holdfast.studies.law_certification")
             holdfast.check_of_scenario(asked.file, asked.expect)
             said["of_scenario"] = asked.expect
     except NotValidError as wrong:

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.trajectories import Trajectories
-from holdfast.maths.identification.measured_motion import measured_motion
+from holdfast.maths.identification import measured_motion
 
 OTTER = hf.load_vehicle("otter")
 GENERATOR = np.random.default_rng(4)

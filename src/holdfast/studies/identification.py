@@ -13,7 +13,7 @@ from typing import Any
 
 import tomlkit
 
-from holdfast.analysis.identification.identified import Identified
+from holdfast.analysis.identification.fit import Identified
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.host.files import make_folder, read_small_text, write_summary, write_text
 from holdfast.maths.catalogue import systems

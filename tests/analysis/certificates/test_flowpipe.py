@@ -16,8 +16,7 @@ import holdfast as hf
 from holdfast.commands.certify import command
 from holdfast.errors import HoldfastError, OutputError, SimulationError
 from holdfast.maths.expressions.functions import angle, greatest, least, length, wrap
-from holdfast.studies.certificate_of import check_of_scenario
-from holdfast.studies.law_certification import flowpipe_of
+from holdfast.studies.law_certification import check_of_scenario, flowpipe_of
 from holdfast_check.checker import checked
 from holdfast_check.reading import NotValidError
 from tests.certified_systems import changed

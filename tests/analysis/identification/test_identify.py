@@ -10,7 +10,7 @@ from scipy.stats import binom
 import holdfast as hf
 from holdfast.analysis.identification.identify import refuse_other_way
 from holdfast.errors import SimulationError
-from holdfast.maths.identification.measured_motion import measured_motion
+from holdfast.maths.identification import measured_motion
 from tests.boats import boat, boat_log, vehicle_log
 
 TRUE = {"mass": 20.0, "drag": 8.0, "quadratic": 30.0}

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as arrays
 
 from holdfast.errors import SimulationError
 from holdfast.interop.logs.read import repaired
-from holdfast.interop.logs.recording import Column
+from holdfast.interop.logs.table import Column
 
 T = np.arange(600) * 0.1
 NOISE = np.random.default_rng(4).normal(0, 0.01, len(T))

@@ -10,7 +10,7 @@ from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.errors import OutputError
-from holdfast.presentation.figures.optimal_input import NEGATIVE, POSITIVE
+from holdfast.presentation.figures.value_function import NEGATIVE, POSITIVE
 
 
 @pytest.fixture(autouse=True)

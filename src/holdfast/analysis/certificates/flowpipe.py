@@ -27,13 +27,13 @@ from holdfast.analysis.certificates.certificate import (
     check_names,
     limits_written,
     named,
+    part_of_checker,
     ranged,
     write_checked,
     written,
 )
 from holdfast.analysis.certificates.law_cells import law_of_cases
 from holdfast.analysis.certificates.problem import check_among, errors_of, parameters_of, ranges_of
-from holdfast.analysis.certificates.the_checker import part_of_checker
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, SimulationError
 from holdfast.maths.definitions.law import Law, LawCases, Option

@@ -31,13 +31,13 @@ from holdfast.analysis.certificates.certificate import (
     Certificate,
     Range,
     Ranges,
+    check_content,
     check_names,
     read,
     unpacked,
 )
 from holdfast.analysis.certificates.certified_law import KEYS
 from holdfast.analysis.certificates.images import sure_of
-from holdfast.analysis.certificates.the_checker import check_content
 from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, HoldfastError, OutputError
 from holdfast.execution.intervals.enclosure import Enclosure

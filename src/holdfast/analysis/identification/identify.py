@@ -17,15 +17,6 @@ import sympy as sp
 from scipy.stats import t as student
 
 from holdfast.analysis.identification.fit import (
-    Setting,
-    deviations,
-    first_guess,
-    fit_of,
-    spread_of,
-    ties,
-    to_hold,
-)
-from holdfast.analysis.identification.identified import (
     AT_LIMIT,
     GIVEN,
     IDENTIFIED,
@@ -35,7 +26,14 @@ from holdfast.analysis.identification.identified import (
     Estimate,
     HeldOut,
     Identified,
+    Setting,
     Unexplained,
+    deviations,
+    first_guess,
+    fit_of,
+    spread_of,
+    ties,
+    to_hold,
 )
 from holdfast.analysis.identification.least_squares import Fitted, Problem, Shooting, fitted
 from holdfast.analysis.identification.log import (
@@ -58,7 +56,7 @@ from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.numeric import evaluated
 from holdfast.maths.expressions.traversal import derivatives, symbols_of
-from holdfast.maths.identification.measured_motion import MeasuredMotion, measured_motion
+from holdfast.maths.identification import MeasuredMotion, measured_motion
 
 NOISY, EXPLAINED, SMALL_BOX = 3.0, 0.5, 20
 """The residuals of a signal in parts of the noise between neighbours, the part of what is left

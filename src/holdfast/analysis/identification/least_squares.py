@@ -24,7 +24,7 @@ from holdfast.analysis.identification.log import (
 from holdfast.errors import SimulationError
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.trajectories import Trajectories
-from holdfast.maths.identification.measured_motion import MeasuredMotion
+from holdfast.maths.identification import MeasuredMotion
 
 
 @dataclass(frozen=True)

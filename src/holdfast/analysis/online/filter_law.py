@@ -35,10 +35,10 @@ from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.control.barrier_conditions import unused_inputs
-from holdfast.maths.control.command import commanded
 from holdfast.maths.control.parameter_box import parameter_box
 from holdfast.maths.control.prediction import Prediction
 from holdfast.maths.control.safety_filter import Asked, asked_of, in_order, safeguard
+from holdfast.maths.control.velocity_tracking import commanded
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter

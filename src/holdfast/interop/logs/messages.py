@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from holdfast.errors import HoldfastError, SimulationError
-from holdfast.interop.logs.recording import Column, Recording, with_unit
+from holdfast.interop.logs.table import Column, Recording, with_unit
 from holdfast.interop.ros_messages import ODOMETRY, Interface, heading_of
 from holdfast.maths.definitions.system import System
 

@@ -17,7 +17,7 @@ import pandas as pd
 from holdfast.analysis.identification.log import Floats, Log, Signal, period
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, SimulationError, suggestion
-from holdfast.interop.logs.recording import Column, Recording
+from holdfast.interop.logs.table import Column, Recording
 from holdfast.maths.definitions.extension import actuator_units
 from holdfast.maths.definitions.quantity import UnitError, convert
 from holdfast.maths.definitions.system import System

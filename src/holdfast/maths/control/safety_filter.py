@@ -61,8 +61,8 @@ from holdfast.maths.control.barrier_conditions import (
     kept_possible,
     viability_conditions,
 )
-from holdfast.maths.control.command import believed_disturbances
 from holdfast.maths.control.parameter_box import ParameterBox, parameter_box
+from holdfast.maths.control.velocity_tracking import believed_disturbances
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import MOST_LEVELS, Foresight, GainCondition, Law, Safeguard
 from holdfast.maths.definitions.quantity import (

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from holdfast.analysis.identification.identified import (
+from holdfast.analysis.identification.fit import (
     AT_LIMIT,
     IDENTIFIED,
     WIDE,

@@ -23,11 +23,10 @@ from holdfast.maths.catalogue import laws
 from holdfast.maths.catalogue.laws.follow_leader import FOLLOWERS
 from holdfast.maths.catalogue.signature import accepted_parameters, arguments, wants_law
 from holdfast.maths.control.blended_redesign import redesign
-from holdfast.maths.control.command import commanded
 from holdfast.maths.control.observer import observe, observe_set
 from holdfast.maths.control.safety_filter import limit_rates, over_time, safeguard
 from holdfast.maths.control.unmodelled import PREFIX, cancel_unmodelled
-from holdfast.maths.control.velocity_tracking import track_velocity
+from holdfast.maths.control.velocity_tracking import commanded, track_velocity
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter, check_unit, to_si
 from holdfast.maths.definitions.region import Region

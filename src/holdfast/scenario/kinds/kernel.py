@@ -165,7 +165,7 @@ class KernelScenario(SetScenario):
     def _law_figure(self, answer: KernelResult, around: dict[str, Any]) -> Any:
         """The optimal inputs in the plane of the figures; around: what is drawn beside the set."""
         from holdfast.analysis.safety.safety_filter import optimal_inputs
-        from holdfast.presentation.figures.optimal_input import optimal_input_figure
+        from holdfast.presentation.figures.value_function import optimal_input_figure
 
         names = self.system.state_names
         plane = self.figures.plane or (names[0], names[1])

@@ -6,7 +6,7 @@ import pytest
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.leaf import Evaluator
-from holdfast.maths.identification.measured_motion import measured_motion
+from holdfast.maths.identification import measured_motion
 
 ALL = ("x", "y", "psi", "u", "v", "r")
 

@@ -1,1 +1,0 @@
-"""What a log of a system's motion depends on, and how: the expressions of an identification."""
