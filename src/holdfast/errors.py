@@ -6,7 +6,7 @@ An error names the cause (with the value that was given), the expectation, and t
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 
 class HoldfastError(Exception):
@@ -85,3 +85,11 @@ def suggestion(name: str, allowed: Iterable[str]) -> str:
     if close:
         return f"did you mean '{close[0]}'?"
     return "allowed: " + ", ".join(choices) if choices else "none is allowed here"
+
+
+def check_name(
+    name: object, names: Collection[str], error: type[HoldfastError], cause: str, **more: str
+) -> None:
+    """Refuse a name that is none of `names`; the remedy is the name that is meant."""
+    if name not in names:
+        raise error(cause, remedy=suggestion(str(name), names), **more)

@@ -32,7 +32,7 @@ from scipy.spatial import ConvexHull
 
 from holdfast.analysis.reachability.grid import whole
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError, SimulationError, suggestion
+from holdfast.errors import DefinitionError, SimulationError, check_name, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
@@ -545,8 +545,7 @@ class Boundary:
                 raise SimulationError("the disturbance has no bounds, so no worst value")
             return np.zeros(len(names))
         for name in disturbance:
-            if name not in names:
-                raise SimulationError(f"no disturbance '{name}'", remedy=suggestion(name, names))
+            check_name(name, names, SimulationError, f"no disturbance '{name}'")
         values = np.array([float(disturbance.get(n, 0.0)) for n in names])
         bounds = self.system.disturbance_bounds
         if not np.isfinite(values).all() or (
@@ -655,8 +654,7 @@ def check_viability(
         raise SimulationError(f"count is {count!r}", expected="a whole number, at least 1")
     whole("seed: ", seed, 0)
     for name, sides in box.items():
-        if name not in names:
-            raise SimulationError(f"'{name}' is not a state", remedy=suggestion(name, names))
+        check_name(name, names, SimulationError, f"'{name}' is not a state")
         if len(sides) != 2:
             raise SimulationError(f"the box of '{name}' is {sides!r}", expected="lowest, highest")
     low, high = (np.array([box.get(n, (0.0, 0.0))[i] for n in names], float) for i in (0, 1))

@@ -19,7 +19,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError, HoldfastError, suggestion
+from holdfast.errors import DefinitionError, HoldfastError, check_name, suggestion
 from holdfast.maths.definitions.system import System
 
 NANO = 1_000_000_000
@@ -61,10 +61,7 @@ def decoded(data: bytes, kind: str) -> Any:
 
 def digest(kind: str) -> str:
     """The hash of a type's definition, RIHS01. Raises `DefinitionError` for an unknown type."""
-    if kind not in STORE.types:
-        raise DefinitionError(
-            f"'{kind}' is no standard message of ROS 2", remedy=suggestion(kind, STORE.types)
-        )
+    check_name(kind, STORE.types, DefinitionError, f"'{kind}' is no standard message of ROS 2")
     return str(STORE.hash_rihs01(kind))
 
 

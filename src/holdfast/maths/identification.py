@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from holdfast.errors import DefinitionError, suggestion
+from holdfast.errors import DefinitionError, check_name, suggestion
 from holdfast.maths.definitions.quantity import TIME, Parameter, Quantity
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import derivatives, symbols_of
@@ -126,10 +126,8 @@ def _quantities(system: System, names: Iterable[str]) -> list[Quantity]:
     by_name = {q.name: q for q in (*system.parameters, *system.disturbances)}
     quantities = []
     for name in names:
-        if name not in by_name:
-            raise DefinitionError(
-                f"system '{system.name}' has no parameter '{name}'",
-                remedy=suggestion(name, by_name),
-            )
+        check_name(
+            name, by_name, DefinitionError, f"system '{system.name}' has no parameter '{name}'"
+        )
         quantities.append(by_name[name])
     return quantities

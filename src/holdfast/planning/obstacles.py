@@ -15,7 +15,7 @@ import shapely
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError, suggestion
+from holdfast.errors import DefinitionError, check_name
 from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Inequality, Region, Segment
@@ -53,11 +53,9 @@ def obstacles(
     """
     states = {q.name: q for q in system.states}
     for name in position:
-        if name not in states:
-            raise DefinitionError(
-                f"'{name}' is not a state of system '{system.name}'",
-                remedy=suggestion(name, states),
-            )
+        check_name(
+            name, states, DefinitionError, f"'{name}' is not a state of system '{system.name}'"
+        )
     if not (math.isfinite(clearance) and clearance >= 0):
         raise DefinitionError(f"clearance is {clearance}", expected="a number of m, 0 or more")
     if not polygons and room is None:

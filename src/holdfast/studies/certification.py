@@ -24,7 +24,7 @@ from holdfast.analysis.load import load
 from holdfast.analysis.reachability.solve import Answer, search
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked, renamed
-from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.errors import HoldfastError, ScenarioError, check_name
 from holdfast.host.files import make_folder, saved, write_summary
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel
@@ -422,10 +422,7 @@ def _off(loaded: KernelScenario, of: str, requested: Mapping[str, Range]) -> Sea
     name = of.removeprefix(UNCERTAIN)
     assert loaded.region is not None
     parameters = {p.name: p for p in (*loaded.system.parameters, *loaded.region.parameters)}
-    if name not in parameters:
-        raise ScenarioError(
-            f"{loaded.file}: '{of}': no parameter '{name}'", remedy=suggestion(name, parameters)
-        )
+    check_name(name, parameters, ScenarioError, f"{loaded.file}: '{of}': no parameter '{name}'")
     if name in requested:
         raise ScenarioError(
             f"{loaded.file}: '{of}' is searched, and has a range in uncertain as well"

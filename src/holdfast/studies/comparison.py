@@ -14,7 +14,7 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import decided
 from holdfast.analysis.simulation.law_comparison import Comparison, Reference, Trial, trial
 from holdfast.arguments import checked
-from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.errors import HoldfastError, ScenarioError, check_name, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.maths.definitions.region import Region
@@ -178,10 +178,7 @@ def compare(
     chosen = {n: by_law.get(n) or _of_scenario(shown, n, by_law) for n in laws or by_law}
     table = base.compare.cases or {"as it is": AlterationSpec()}
     for case in cases or ():
-        if case not in table:
-            raise ScenarioError(
-                f"{shown}: [compare.cases] has no '{case}'", remedy=suggestion(case, table)
-            )
+        check_name(case, table, ScenarioError, f"{shown}: [compare.cases] has no '{case}'")
     picked = {n: table[n] for n in cases or table}
     if not all(len(set(names)) == len(names) for names in (laws or (), cases or ())):
         raise ScenarioError(f"{shown}: a law or a case is named twice")
@@ -275,10 +272,7 @@ def variant(
 def in_case(shown: str, data: Mapping[str, Any], case: str) -> dict[str, Any]:
     """The tables of a scenario in one of the cases of its comparison; `ScenarioError` for none."""
     cases = validated(ScenarioSpec, data, shown).compare.cases
-    if case not in cases:
-        raise ScenarioError(
-            f"{shown}: [compare.cases] has no '{case}'", remedy=suggestion(case, cases)
-        )
+    check_name(case, cases, ScenarioError, f"{shown}: [compare.cases] has no '{case}'")
     return _altered(data, cases[case])
 
 

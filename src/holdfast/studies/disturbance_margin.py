@@ -11,7 +11,7 @@ from holdfast.analysis.reachability.problem import Marching
 from holdfast.analysis.reachability.solve import Answer, Kept, Margin, Tried, search, set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
-from holdfast.errors import ScenarioError, suggestion
+from holdfast.errors import ScenarioError, check_name
 from holdfast.maths.definitions.quantity import TIME, to_si
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.games.hamiltonian import hamiltonian, is_sharp
@@ -209,10 +209,7 @@ def _kept(loaded: KernelScenario, keep: Sequence[Mapping[str, Any] | Region]) ->
             regions.append(wanted)
             continue
         for name in wanted:
-            if name not in units:
-                raise ScenarioError(
-                    f"--keep: unknown state '{name}'", remedy=suggestion(name, units)
-                )
+            check_name(name, units, ScenarioError, f"--keep: unknown state '{name}'")
         with at("--keep", ", ".join(wanted)):
             states.append([to_si(wanted.get(n, 0.0), unit) for n, unit in units.items()])
         if not begun.at([states[-1]])[0] > 0:

@@ -11,7 +11,7 @@ import sympy as sp
 
 from holdfast.analysis.certificates.cells import Floats
 from holdfast.analysis.certificates.certificate import Range
-from holdfast.errors import SimulationError, suggestion
+from holdfast.errors import SimulationError, check_name, suggestion
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.quantity import Parameter
@@ -30,10 +30,7 @@ INPUTS = 5
 def check_among(what: str, names: Iterable[str], among: Sequence[str], kind: str) -> None:
     """Raises `SimulationError` for a name that an argument has and the system has not."""
     for name in names:
-        if name not in among:
-            raise SimulationError(
-                f"{what} names '{name}', which is no {kind}", remedy=suggestion(name, among)
-            )
+        check_name(name, among, SimulationError, f"{what} names '{name}', which is no {kind}")
 
 
 def errors_of(system: System, errors: Mapping[str, float]) -> tuple[float, ...]:
@@ -77,11 +74,9 @@ def ranges_of(
     every = parameters_of(system, regions).values()
     ranges = {p.name: (float(p.value), float(p.value)) for p in every}
     for name, (low, high) in uncertain.items():
-        if name not in ranges:
-            raise SimulationError(
-                f"uncertain names '{name}', which is no parameter",
-                remedy=suggestion(name, ranges),
-            )
+        check_name(
+            name, ranges, SimulationError, f"uncertain names '{name}', which is no parameter"
+        )
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise SimulationError(f"uncertain: {name} is {low:g} to {high:g}")
         ranges[name] = (float(low), float(high))

@@ -28,7 +28,7 @@ from holdfast.analysis.reachability.grid import TURN, by_name, grid, whole
 from holdfast.analysis.reachability.problem import CutOffError, with_disturbance
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
-from holdfast.errors import SimulationError, suggestion
+from holdfast.errors import SimulationError, check_name
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.resources import Progress
 from holdfast.maths.control.barrier_conditions import check_states
@@ -77,10 +77,7 @@ def solve_parts(
         tables.append(nodes)
     for table in tables:
         for name in table:
-            if name not in names:
-                raise SimulationError(
-                    f"'{name}' is not a state of a part", remedy=suggestion(name, names)
-                )
+            check_name(name, names, SimulationError, f"'{name}' is not a state of a part")
     count = len(decomposition.parts)
     values = []
     for done, part in enumerate(decomposition.parts):
@@ -453,8 +450,7 @@ def decompose(
     Raises `SimulationError` for what would not be sound: a cut without a guarantee, or in a problem
     whose disturbances help. `DefinitionError` for lags that cannot be predicted.
     """
-    if kind not in KINDS:
-        raise SimulationError(f"kind: {kind!r}", remedy=suggestion(kind, KINDS))
+    check_name(kind, KINDS, SimulationError, f"kind: {kind!r}")
     if (goal is not None) != (kind == "capture-basin"):
         raise SimulationError(f"a {kind} with goal = {goal and goal.name}", expected=_needs(kind))
     if region is None and goal is None:

@@ -22,7 +22,7 @@ import numpy as np
 import sympy as sp
 
 from holdfast.analysis.decomposition.decomposition import Part, shown
-from holdfast.errors import SimulationError, suggestion
+from holdfast.errors import SimulationError, check_name
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.region import Inequality
@@ -205,11 +205,9 @@ def guarantees(
     """
     names = system.state_names
     for name in asked:
-        if name not in names:
-            raise SimulationError(
-                f"'{name}' is not a state of system '{system.name}'",
-                remedy=suggestion(name, names),
-            )
+        check_name(
+            name, names, SimulationError, f"'{name}' is not a state of system '{system.name}'"
+        )
     numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
     limits = {n: _limits(system, n, inequalities, numbers) for n in names} if always else {}
     intervals = {n: i for n, i in limits.items() if i is not None}

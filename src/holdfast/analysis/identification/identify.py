@@ -46,7 +46,7 @@ from holdfast.analysis.identification.log import (
     first_noise,
 )
 from holdfast.arguments import checked
-from holdfast.errors import SimulationError, suggestion
+from holdfast.errors import SimulationError, check_name
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.trajectories import Trajectories
 from holdfast.maths.control.unmodelled import PREFIX, add_unmodelled
@@ -540,10 +540,9 @@ def _wanted(system: System, estimate: Sequence[str], hold: Sequence[str]) -> lis
     """The parameters that are estimated if the log shows them."""
     names = [p.name for p in system.parameters]
     for name in (*estimate, *hold):
-        if name not in names:
-            raise SimulationError(
-                f"system '{system.name}' has no parameter '{name}'", remedy=suggestion(name, names)
-            )
+        check_name(
+            name, names, SimulationError, f"system '{system.name}' has no parameter '{name}'"
+        )
     if both := set(estimate) & set(hold):
         raise SimulationError(f"'{min(both)}' is to be estimated and to be held")
     return [n for n in (estimate or names) if n not in hold]

@@ -24,7 +24,7 @@ from holdfast.analysis.certificates.certified_law import (
 from holdfast.analysis.online.controller import Given, numbers, time_of
 from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.arguments import checked
-from holdfast.errors import ArgumentError, DefinitionError, SimulationError, suggestion
+from holdfast.errors import ArgumentError, DefinitionError, SimulationError, check_name
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.leaf import Evaluator
@@ -391,8 +391,7 @@ def _scales(certificate: Certificate, wanted: Mapping[str, float]) -> Array:
     half = 0.5 * (tried.max(axis=0) - tried.min(axis=0))
     scales = dict(zip(names, np.where(half > 0, half, 1.0).tolist(), strict=True))
     for name, value in wanted.items():
-        if name not in scales:
-            raise SimulationError(f"scales of '{name}'", remedy=suggestion(name, scales))
+        check_name(name, scales, SimulationError, f"scales of '{name}'")
         if not (math.isfinite(value) and value > 0):
             raise SimulationError(f"the scale of {name} is {value}", expected="above 0")
         scales[name] = float(value)

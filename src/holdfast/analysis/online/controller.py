@@ -16,7 +16,7 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.errors import ArgumentError, SimulationError, suggestion
+from holdfast.errors import ArgumentError, SimulationError, check_name
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.simulation.control_sample import ControlSamples, PlantSamples
@@ -146,10 +146,7 @@ def numbers(values: Given, names: tuple[str, ...], what: str) -> Array:
     """The numbers in the order of their names; `SimulationError` for others."""
     if isinstance(values, Mapping):
         for name in values:
-            if name not in names:
-                raise SimulationError(
-                    f"unknown {what} '{name}'", remedy=suggestion(str(name), names)
-                )
+            check_name(name, names, SimulationError, f"unknown {what} '{name}'")
         if missing := [name for name in names if name not in values]:
             raise SimulationError(f"the {what} lacks {', '.join(missing)}")
         values = [values[name] for name in names]

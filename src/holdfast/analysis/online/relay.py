@@ -24,7 +24,7 @@ from holdfast.analysis.online.controller import Given, numbers, time_of
 from holdfast.analysis.online.decision import Decision, DecisionRecord, Status
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
-from holdfast.errors import HoldfastError, SimulationError, suggestion
+from holdfast.errors import HoldfastError, SimulationError, check_name
 from holdfast.execution.arrays import Array
 
 Item = TypeVar("Item")
@@ -306,8 +306,7 @@ def _table(line: bytes) -> Mapping[str, Any]:
     if not isinstance(said, dict):
         raise SimulationError(f"{_shown(line)} is no table of JSON")
     for name in said:
-        if name not in KEYS:
-            raise SimulationError(f"unknown key {_shown(name)}", remedy=suggestion(name, KEYS))
+        check_name(name, KEYS, SimulationError, f"unknown key {_shown(name)}")
     return said
 
 

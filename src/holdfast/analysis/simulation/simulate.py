@@ -22,7 +22,7 @@ from holdfast.analysis.simulation.files import NamedArray, NamedArrays
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.starts import Starts, initial_states
 from holdfast.arguments import checked
-from holdfast.errors import GainWarning, ModelWarning, SimulationError, suggestion
+from holdfast.errors import GainWarning, ModelWarning, SimulationError, check_name, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.resources import Progress
@@ -437,13 +437,11 @@ def simulate(
     starts, disturbances or settings, and for a disturbance beyond its bounds: of a field at a
     sample of any run.
     """
-    if stepper not in BY_NAME:
-        raise SimulationError(f"unknown stepper '{stepper}'", remedy=suggestion(stepper, BY_NAME))
+    check_name(stepper, BY_NAME, SimulationError, f"unknown stepper '{stepper}'")
     for name in settings:
-        if name not in Settings.__dataclass_fields__:
-            raise SimulationError(
-                f"unknown setting '{name}'", remedy=suggestion(name, Settings.__dataclass_fields__)
-            )
+        check_name(
+            name, Settings.__dataclass_fields__, SimulationError, f"unknown setting '{name}'"
+        )
     chosen = Settings(horizon=horizon, **settings)
     if chosen.until_goal and goal is None:
         raise SimulationError("until_goal without a goal", key="until_goal")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from holdfast.arguments import checked
-from holdfast.errors import SimulationError, suggestion
+from holdfast.errors import SimulationError, check_name, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
@@ -137,8 +137,7 @@ def _on_boundary(
         raise SimulationError("starts where inequalities are active need a region")
     names = region.inequality_names
     for name in (n for group in starts.active for n in group):
-        if name not in names:
-            raise SimulationError(f"no inequality '{name}'", remedy=suggestion(name, names))
+        check_name(name, names, SimulationError, f"no inequality '{name}'")
     if not all(starts.active):
         raise SimulationError("a group of active inequalities is empty")
     states = [q.symbol for q in system.states]

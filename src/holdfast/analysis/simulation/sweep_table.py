@@ -17,7 +17,7 @@ import xarray as xr
 from holdfast.analysis.safety.gain_conditions import JudgedCondition
 from holdfast.analysis.simulation.files import write_netcdf
 from holdfast.arguments import checked
-from holdfast.errors import OutputError, suggestion
+from holdfast.errors import OutputError, check_name
 
 COSTS = ("time", "effort", "clearance")
 """What gains may be best for."""
@@ -174,8 +174,7 @@ class Campaign:
         names = [str(n) for n in self.dataset.data_vars if n not in TEXTS]
         if name is None:
             name = next((n for n in NAMES if n in names), "refused")
-        if name not in names:
-            raise OutputError(f"a campaign has no '{name}'", remedy=suggestion(name, names))
+        check_name(name, names, OutputError, f"a campaign has no '{name}'")
         return self.dataset[name]
 
     @property

@@ -25,7 +25,7 @@ from dataclasses import replace
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError, suggestion
+from holdfast.errors import DefinitionError, check_name, suggestion
 from holdfast.maths.control.barrier_conditions import check_still
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Quantity
@@ -176,8 +176,7 @@ def _check_goal(
         goal = {"x": constants["goal_x"], "y": constants["goal_y"]}
     names = {q.name for q in (*law.reads, *region.reads)}
     for name in goal:
-        if name not in names:
-            raise DefinitionError(f"goal of '{name}'", remedy=suggestion(name, names))
+        check_name(name, names, DefinitionError, f"goal of '{name}'")
     values = {p.symbol: sp.Float(p.value) for p in region.parameters}
     values |= {q.symbol: sp.Float(goal.get(q.name, 0.0)) for q in region.reads}
     pose = ", ".join(f"{n} = {goal.get(n, 0.0):g}" for n in read)

@@ -9,7 +9,7 @@ from functools import reduce
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError, suggestion
+from holdfast.errors import DefinitionError, check_name
 from holdfast.maths.definitions.bounds import product
 from holdfast.maths.definitions.quantity import Quantity, symbol
 from holdfast.maths.definitions.system import PfaffianRow, System, vanishes
@@ -27,10 +27,7 @@ def renamed(system: System, names: Mapping[str, str], name: str = "") -> System:
     quantities = (*system.states, *system.inputs, *system.disturbances, *system.parameters)
     declared = [q.name for q in quantities]
     for old in names:
-        if old not in declared:
-            raise DefinitionError(
-                f"system '{system.name}' has no '{old}'", remedy=suggestion(old, declared)
-            )
+        check_name(old, declared, DefinitionError, f"system '{system.name}' has no '{old}'")
     new = {symbol(old): symbol(wanted) for old, wanted in names.items()}
 
     def called(quantity: Quantity) -> str:

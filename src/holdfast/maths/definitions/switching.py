@@ -7,13 +7,13 @@ observer.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError, suggestion
+from holdfast.errors import DefinitionError, check_name
 from holdfast.maths.definitions.law import GainCondition, Law, Lookup
 from holdfast.maths.definitions.quantity import (
     SAMPLE_TIME,
@@ -143,11 +143,7 @@ class Switching:
         for transition in self.transitions:
             ends += [transition.source, transition.target]
         for end in ends:
-            if end not in self.modes:
-                raise DefinitionError(
-                    f"{owner} names the unknown mode '{end}'",
-                    remedy=suggestion(end, self.modes),
-                )
+            check_name(end, self.modes, DefinitionError, f"{owner} names the unknown mode '{end}'")
         allowed = [q.symbol for q in self.reads + self.handed + self.parameters] + [TIME]
         check_symbols(
             {f"guard {t.source} -> {t.target}": t.when for t in self.transitions},
@@ -192,17 +188,8 @@ class Switching:
 
     def map_laws(self, change: Callable[[Law], Law], name: str) -> Switching:
         """The same modes and guards with every law replaced by change(law)."""
-        return Switching(
-            name=name,
-            modes={mode: change(law) for mode, law in self.modes.items()},
-            transitions=self.transitions,
-            initial=self.initial,
-            signals=self.signals,
-            extra_parameters=self.extra_parameters,
-            memory=self.memory,
-            description=self.description,
-            source=self.source,
-        )
+        modes = {mode: change(law) for mode, law in self.modes.items()}
+        return replace(self, name=name, modes=modes)
 
 
 def as_switching(law: Law | Switching) -> Switching:

@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
-from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.errors import HoldfastError, ScenarioError, check_name
 from holdfast.host.files import read_small_text
 from holdfast.maths.definitions.quantity import Parameter, convert, to_si
 
@@ -106,8 +106,7 @@ def vehicle_text(name: str) -> tuple[str, str]:
             return name, read_small_text(name)
         except ScenarioError as error:
             raise ScenarioError(f"vehicle file {error.cause}", expected=error.expected) from None
-    if name not in vehicle_names():
-        raise ScenarioError(f"unknown vehicle '{name}'", remedy=suggestion(name, vehicle_names()))
+    check_name(name, vehicle_names(), ScenarioError, f"unknown vehicle '{name}'")
     file = resources.files("holdfast.vehicles") / f"{name}.toml"
     return f"vehicle '{name}'", file.read_text("utf-8")
 
@@ -186,10 +185,7 @@ def checked_table(
         raise ScenarioError(f"{shown}: {table} is {entries!r}", expected="a table")
     owner = "" if table == "parameters" else f" of {table}"
     for key in entries:
-        if key not in units:
-            raise ScenarioError(
-                f"{shown}: unknown parameter '{key}'{owner}", remedy=suggestion(key, units)
-            )
+        check_name(key, units, ScenarioError, f"{shown}: unknown parameter '{key}'{owner}")
     parameters = {}
     for key, (unit, meaning, above) in units.items():
         if key not in entries:
@@ -240,9 +236,6 @@ def overridden(
     """The parameters with some values replaced; `ScenarioError` for an unknown name."""
     result = dict(parameters)
     for key, value in overrides.items():
-        if key not in parameters:
-            raise ScenarioError(
-                f"{owner} has no parameter '{key}'", remedy=suggestion(key, parameters)
-            )
+        check_name(key, parameters, ScenarioError, f"{owner} has no parameter '{key}'")
         result[key] = replace(parameters[key], value=float(value), source="set by the user")
     return result

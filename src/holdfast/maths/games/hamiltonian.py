@@ -49,7 +49,7 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError, suggestion
+from holdfast.errors import DefinitionError, check_name
 from holdfast.maths.definitions.bounds import Bounds, section
 from holdfast.maths.definitions.quantity import Quantity, frozen
 from holdfast.maths.definitions.region import Region
@@ -448,11 +448,9 @@ def check_symmetry(h: Hamiltonian, regions: Sequence[Region], signs: Mapping[str
             remedy="leave out the symmetry",
         )
     for name, sign in signs.items():
-        if name not in system.state_names:
-            raise DefinitionError(
-                f"symmetry of '{name}', which is not a state",
-                remedy=suggestion(name, system.state_names),
-            )
+        check_name(
+            name, system.state_names, DefinitionError, f"symmetry of '{name}', which is not a state"
+        )
         if isinstance(sign, bool) or sign not in (-1, 1):
             raise DefinitionError(f"symmetry of '{name}' is {sign!r}", expected="-1 or 1")
     if -1 not in signs.values():

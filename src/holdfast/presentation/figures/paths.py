@@ -19,7 +19,7 @@ from matplotlib.patches import Patch, Polygon, Wedge
 
 from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
-from holdfast.errors import OutputError, suggestion
+from holdfast.errors import OutputError, check_name
 from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.maths.definitions.quantity import symbol
@@ -105,8 +105,7 @@ def paths_figure(
     data = result.arrays
     names = [str(n) for n in data["state_name"].values]
     for name in plane:
-        if name not in names:
-            raise OutputError(f"'{name}' is not a state", remedy=suggestion(name, names))
+        check_name(name, names, OutputError, f"'{name}' is not a state")
     columns = [names.index(n) for n in plane]
     states = data["state"].values
     xy = states[:, :, columns]

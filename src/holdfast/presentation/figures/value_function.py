@@ -24,7 +24,7 @@ from matplotlib.patches import Patch, Polygon
 from holdfast.analysis.boundary import RegulationMap
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
-from holdfast.errors import OutputError, suggestion
+from holdfast.errors import OutputError, check_name
 from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.region import Shape
 from holdfast.presentation.figures import level_sets, style
@@ -59,8 +59,7 @@ def look_at(
     """The view to draw; `OutputError` for a plane or fixed states that leave no picture."""
     at = dict(at or {})
     for name in at:
-        if name not in value.names:
-            raise OutputError(f"'{name}' is not a state", remedy=suggestion(name, value.names))
+        check_name(name, value.names, OutputError, f"'{name}' is not a state")
     fixed = {n: float(v) for n, v in at.items() if not isinstance(v, Sequence | np.ndarray)}
     several = {n: [float(x) for x in v] for n, v in at.items() if n not in fixed}  # type: ignore[union-attr]
     free = [n for n in value.names if n not in at]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from holdfast.errors import ScenarioError
+from holdfast.host.files import make_folder, saved, write_summary
 
 if TYPE_CHECKING:
     from holdfast.analysis.online.safety_filter import SafetyFilter
@@ -38,11 +39,19 @@ class Composed(ABC):
     def run(self, progress: Progress | None = None) -> Any:
         """The answer."""
 
-    @abstractmethod
     def write(
         self, answer: Any, folder: Path, *, figures: bool = True, bar: Bar | None = None
     ) -> list[Path]:
         """The files of the answer, in a folder that is made."""
+        make_folder(folder)
+        files = [saved(answer, folder / "result.nc")]
+        if figures:
+            files += self.drawn(answer, folder, bar)
+        return [*files, write_summary(folder / "summary.json", answer.summary())]
+
+    def drawn(self, answer: Any, folder: Path, bar: Bar | None) -> list[Path]:
+        """The figures of the answer, in a folder that is there."""
+        return []
 
     @abstractmethod
     def report(self, answer: Any, files: Sequence[Path]) -> str:

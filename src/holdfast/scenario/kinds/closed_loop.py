@@ -23,7 +23,6 @@ from holdfast.analysis.simulation.starts import Starts
 from holdfast.errors import DefinitionError, ScenarioError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
-from holdfast.host.files import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME, symbol
 from holdfast.maths.definitions.region import Region
@@ -225,15 +224,6 @@ class Scenario(Composed):
     def with_settings(self, **settings: Any) -> Scenario:
         """The same with other settings of [run]."""
         return replace(self, settings={**self.settings, **settings})
-
-    def write(
-        self, answer: Result, folder: Path, *, figures: bool = True, bar: Bar | None = None
-    ) -> list[Path]:
-        make_folder(folder)
-        files = [saved(answer, folder / "result.nc")]
-        if figures:
-            files += self.drawn(answer, folder, bar)
-        return [*files, write_summary(folder / "summary.json", answer.summary())]
 
     def drawn(self, answer: Result, folder: Path, bar: Bar | None) -> list[Path]:
         """The figures of a result: paths in the plane, histories of one run."""

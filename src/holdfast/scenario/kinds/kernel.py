@@ -20,7 +20,6 @@ from holdfast.analysis.safety.validation import Promise, check_promise, default_
 from holdfast.analysis.simulation.law_comparison import Entry
 from holdfast.errors import RenamedWarning, ScenarioError, SimulationError
 from holdfast.execution.resources import Progress
-from holdfast.host.files import make_folder, saved, write_summary
 from holdfast.maths.definitions.region import Region
 from holdfast.scenario.build.kernel import kernel_parts
 from holdfast.scenario.files import overridden
@@ -42,6 +41,9 @@ class KernelResult:
     promise: Promise | None
     trouble: str = ""
     untried: str = ""
+
+    def save(self, path: Path) -> Path:
+        return self.value.save(path)
 
     def answers(self, scenario: KernelScenario) -> bool:
         """Whether the set asked for was found: one that lasts is there once the march converged.
@@ -135,16 +137,7 @@ class KernelScenario(SetScenario):
         alike = {k: v for k, v in self.options.items() if k in ("band", "precision")}
         return set_on_grid(self.about, finer(self.grid, self.options.get("refine", 1)), **alike)
 
-    def write(
-        self, answer: KernelResult, folder: Path, *, figures: bool = True, bar: Bar | None = None
-    ) -> list[Path]:
-        make_folder(folder)
-        files = [saved(answer.value, folder / "result.nc")]
-        if figures:
-            files += self._drawn(answer, folder)
-        return [*files, write_summary(folder / "summary.json", answer.summary())]
-
-    def _drawn(self, answer: KernelResult, folder: Path) -> list[Path]:
+    def drawn(self, answer: KernelResult, folder: Path, bar: Bar | None) -> list[Path]:
         """The set, and the optimal inputs where they are asked for."""
         from holdfast.presentation.figures import style
         from holdfast.presentation.figures.value_function import value_function_figure

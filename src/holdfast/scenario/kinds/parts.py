@@ -24,7 +24,6 @@ from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.simulation.law_comparison import Entry
 from holdfast.errors import ScenarioError, SimulationError
 from holdfast.execution.resources import Progress
-from holdfast.host.files import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
@@ -115,6 +114,9 @@ class PartsResult:
     value: PartsValue
     promise: PartsPromise | None
     trouble: str = ""
+
+    def save(self, path: Path) -> Path:
+        return self.value.save(path)
 
     def summary(self) -> dict[str, Any]:
         """For summary.json."""
@@ -228,16 +230,7 @@ class PartsScenario(SetScenario):
             return PartsResult(value, None)
         return PartsResult(value if promise is None else value.tried(promise), promise)
 
-    def write(
-        self, answer: PartsResult, folder: Path, *, figures: bool = True, bar: Bar | None = None
-    ) -> list[Path]:
-        make_folder(folder)
-        files = [saved(answer.value, folder / "result.nc")]
-        if figures:
-            files += self._drawn(answer, folder)
-        return [*files, write_summary(folder / "summary.json", answer.summary())]
-
-    def _drawn(self, answer: PartsResult, folder: Path) -> list[Path]:
+    def drawn(self, answer: PartsResult, folder: Path, bar: Bar | None) -> list[Path]:
         """The set of every part."""
         from holdfast.presentation.figures import style
         from holdfast.presentation.figures.value_function import value_function_figure
