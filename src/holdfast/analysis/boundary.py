@@ -33,7 +33,7 @@ from scipy.spatial import ConvexHull
 from holdfast.analysis.reachability.grid import whole
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError, check_name, suggestion
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import AnyArray, Array, Truths
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
 from holdfast.maths.definitions.quantity import Quantity, merge_parameters
@@ -42,13 +42,11 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.random_points import is_zero
 from holdfast.maths.expressions.traversal import derivatives
 
-Mask = npt.NDArray[np.bool_]
-
 SMALL = 1e-9
 """Of gradients of length 1."""
 
 
-def qualified(normals: Array, linear: Mask, equality: npt.NDArray[np.intp]) -> bool:
+def qualified(normals: Array, linear: Truths, equality: npt.NDArray[np.intp]) -> bool:
     """Whether the linearised cone is exact.
 
     normals: the gradients, shape (active, n), none of them 0. linear: which constraints are affine.
@@ -195,7 +193,7 @@ class RegulationMap:
         """Whether no admissible input keeps the state inside."""
         return bool(self.hopeless) or self.least_violation()[1] > 1e-9
 
-    def contains(self, u: Sequence[float] | npt.NDArray[Any], slack: float = 1e-9) -> bool:
+    def contains(self, u: Sequence[float] | AnyArray, slack: float = 1e-9) -> bool:
         """Whether the input is admissible and keeps the state inside."""
         point = np.asarray(u, dtype=np.float64)
         if point.shape != (len(self.inputs),) or not np.isfinite(point).all():

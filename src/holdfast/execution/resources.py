@@ -19,8 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.errors import OutputError, SimulationError
-
-Values = npt.NDArray[Any]
+from holdfast.execution.arrays import AnyArray, Wholes
 
 
 class Room(Protocol):
@@ -30,10 +29,10 @@ class Room(Protocol):
     def on_disk(self) -> bool:
         """Whether they are in files."""
 
-    def empty(self, count: int, kind: npt.DTypeLike) -> Values:
+    def empty(self, count: int, kind: npt.DTypeLike) -> AnyArray:
         """So many values of a kind."""
 
-    def copy(self, values: Values) -> Values:
+    def copy(self, values: AnyArray) -> AnyArray:
         """The same values in another array."""
 
 
@@ -42,10 +41,10 @@ class Memory:
 
     on_disk = False
 
-    def empty(self, count: int, kind: npt.DTypeLike) -> Values:
+    def empty(self, count: int, kind: npt.DTypeLike) -> AnyArray:
         return np.empty(count, dtype=kind)
 
-    def copy(self, values: Values) -> Values:
+    def copy(self, values: AnyArray) -> AnyArray:
         return values.copy()
 
 
@@ -57,7 +56,7 @@ class Disk:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def empty(self, count: int, kind: npt.DTypeLike) -> Values:
+    def empty(self, count: int, kind: npt.DTypeLike) -> AnyArray:
         """The file takes its room at once: a disk that is full is met here, and not in the midst of
         a march, where it would end the process."""
         size = count * np.dtype(kind).itemsize
@@ -69,7 +68,7 @@ class Disk:
         except OSError as error:
             raise self._refusal(error, size) from None
 
-    def copy(self, values: Values) -> Values:
+    def copy(self, values: AnyArray) -> AnyArray:
         copied = self.empty(len(values), values.dtype)
         copied[:] = values
         return copied
@@ -127,9 +126,9 @@ def available_cores() -> int:
 def run_threads(
     work: Callable[..., Any],
     bounds: list[tuple[int, int]],
-    counters: list[npt.NDArray[np.int64]],
+    counters: list[Wholes],
     threads: int,
-    stop: npt.NDArray[np.int64],
+    stop: Wholes,
     total: int,
     progress: Progress | None,
 ) -> None:

@@ -16,15 +16,12 @@ from collections.abc import Iterator
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.errors import SimulationError
-from holdfast.execution.arrays import AnyArray, Array
+from holdfast.execution.arrays import AnyArray, Array, Wholes
 from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.resources import check_memory, is_room_for
-
-Whole = npt.NDArray[np.int64]
 
 PAGE = 4096
 """Bytes that are given at a time."""
@@ -47,7 +44,7 @@ class Source(Protocol):
     def dtype(self) -> np.dtype[Any]: ...
     @property
     def room(self) -> int: ...
-    def take(self, nodes: Whole) -> AnyArray: ...
+    def take(self, nodes: Wholes) -> AnyArray: ...
     def all(self) -> AnyArray: ...
     def in_turn(self) -> Iterator[AnyArray]: ...
 
@@ -65,7 +62,7 @@ class TableInParts:
         self._marks = _reserved(source.size)
         self.array: AnyArray = np.frombuffer(self._memory, self.dtype, source.size)
         self._known = np.frombuffer(self._marks, np.uint8, source.size)
-        self._fetched: list[Whole] = []
+        self._fetched: list[Wholes] = []
         self._pages = 0
         self._whole: AnyArray | None = None
         self._loading, self.using = threading.Lock(), threading.RLock()
@@ -111,7 +108,7 @@ class TableInParts:
                     missing = np.unique(nodes[nodes >= 0])
                 self._take(missing)
 
-    def _take(self, missing: Whole) -> None:
+    def _take(self, missing: Wholes) -> None:
         """Read these numbers from the source."""
         self.array[missing] = self.source.take(missing)
         self._fetched.append(missing)
@@ -204,7 +201,7 @@ def _reserved(size: int) -> mmap.mmap:
         ) from None
 
 
-def _nodes(points: Array, grid: tuple[AnyArray, ...], sloped: bool) -> Whole:
+def _nodes(points: Array, grid: tuple[AnyArray, ...], sloped: bool) -> Wholes:
     """The nodes that are read at points, -1 among them where a point is outside."""
     low, steps, shape, periodic = grid
     axes = len(shape)

@@ -20,11 +20,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.catalogue.laws.follow_leader import SEEN
 from holdfast.maths.definitions.law import Law
@@ -167,7 +166,6 @@ def _check(distance: float, width: float, robot_radius: float) -> None:
         )
 
 
-Flags = npt.NDArray[np.bool_]
 Pose = tuple[float, float, float]
 
 RULES = ("arc", "tangent")
@@ -226,8 +224,14 @@ class Convoy:
         )
 
     def moved(
-        self, fields: Fields, number: int, poses: Array, curvature: Array, turning: Flags, on: Flags
-    ) -> tuple[Array, Flags]:
+        self,
+        fields: Fields,
+        number: int,
+        poses: Array,
+        curvature: Array,
+        turning: Truths,
+        on: Truths,
+    ) -> tuple[Array, Truths]:
         """Poses (run, robot, x y theta) one step later, the leader first, and who still turns.
 
         The leader moves on an arc of that curvature [1/m] while it is `turning`, until its heading
@@ -369,10 +373,10 @@ def _at_passage(exit: Passage, before: Array, after: Array) -> Array:
     return pose
 
 
-def _gone(fields: Fields, number: int, convoy: Convoy, poses: Array) -> npt.NDArray[np.bool_]:
+def _gone(fields: Fields, number: int, convoy: Convoy, poses: Array) -> Truths:
     """The leaders that have left the cell of a leg, or are at the goal."""
     at, exit = poses[:, 0, :2], fields.route.legs[number].exit
-    gone: npt.NDArray[np.bool_]
+    gone: Truths
     if exit is None:
         gone = (
             np.linalg.norm(at - np.array(fields.route.goal), axis=1)

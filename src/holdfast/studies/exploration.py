@@ -29,7 +29,7 @@ from holdfast.analysis.safety.depth import inside_states
 from holdfast.analysis.safety.safety_filter import LAWFUL, decided, safety_law, sampled_margin
 from holdfast.analysis.simulation.web_loop import WebLoop, web_loop
 from holdfast.errors import GainWarning, HoldfastError, ModelWarning, ScenarioError, SimulationError
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.definitions.law import Law
@@ -594,7 +594,7 @@ def packed_slices(value: ValueFunction) -> tuple[dict[str, Any], list[bytes], st
     return grid, parts, f"its values have one byte each{fewer}"
 
 
-def _levels(values: npt.NDArray[Any], periodic: list[bool]) -> npt.NDArray[np.int8]:
+def _levels(values: AnyArray, periodic: list[bool]) -> npt.NDArray[np.int8]:
     inside = values > 0
     largest = 0.0
     for axis, closed in enumerate(periodic):

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import NonlinearConstraint, differential_evolution
 from scipy.stats import qmc
 
@@ -28,7 +27,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.sweep_table import COSTS, Candidate, Costs, Tuning
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
@@ -309,10 +308,10 @@ def _worse(costs: Sequence[Costs]) -> Costs:
     )
 
 
-def _lost(result: Result) -> npt.NDArray[np.bool_]:
+def _lost(result: Result) -> Truths:
     outcome = result.arrays["outcome"].values
     wanted = [Outcome.REACHED] if result.arrays.attrs.get("goal") else [Outcome.STAYED]
-    lost: npt.NDArray[np.bool_] = ~np.isin(outcome, wanted)
+    lost: Truths = ~np.isin(outcome, wanted)
     return lost
 
 

@@ -10,13 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.errors import SimulationError
-
-Floats = npt.NDArray[np.float64]
-Wholes = npt.NDArray[np.int64]
-Truths = npt.NDArray[np.bool_]
+from holdfast.execution.arrays import Array, Truths, Wholes
 
 
 @dataclass(frozen=True)
@@ -27,7 +23,7 @@ class Cells:
     share their edge, and nothing between them is lost. periodic: axes whose last edge is the first.
     """
 
-    edges: tuple[Floats, ...]
+    edges: tuple[Array, ...]
     periodic: tuple[bool, ...]
 
     @staticmethod
@@ -49,14 +45,14 @@ class Cells:
         """Every cell in two along each axis. Raises `SimulationError` where floats end."""
         return Cells(tuple(_with_middles(e) for e in self.edges), self.periodic)
 
-    def corners(self, flat: Wholes) -> tuple[Floats, Floats]:
+    def corners(self, flat: Wholes) -> tuple[Array, Array]:
         """The low and the high corners of cells by their flat numbers, shapes (cells, axes)."""
         places = np.unravel_index(flat, self.counts)
         low = np.stack([e[p] for e, p in zip(self.edges, places, strict=True)], axis=1)
         high = np.stack([e[p + 1] for e, p in zip(self.edges, places, strict=True)], axis=1)
         return low, high
 
-    def touched(self, low: Floats, high: Floats) -> tuple[Wholes, Wholes, Truths]:
+    def touched(self, low: Array, high: Array) -> tuple[Wholes, Wholes, Truths]:
         """The first and last cells along each axis that boxes touch, and whether they stay inside.
 
         Along a periodic axis numbers go on beyond the last cell, up to one turn.
@@ -93,7 +89,7 @@ class Cells:
         return np.stack(firsts, axis=1), np.stack(lasts, axis=1), inside
 
 
-def _with_middles(edges: Floats) -> Floats:
+def _with_middles(edges: Array) -> Array:
     finer = np.empty(2 * len(edges) - 1)
     finer[::2], finer[1::2] = edges, 0.5 * edges[:-1] + 0.5 * edges[1:]
     if not (np.diff(finer) > 0).all():

@@ -23,17 +23,10 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import (
-    Cells,
-    Counted,
-    Floats,
-    Halvings,
-    Kept,
-    Truths,
-    Wholes,
-)
+from holdfast.analysis.certificates.cells import Cells, Counted, Halvings, Kept
 from holdfast.analysis.certificates.images import Images, forget, images, sure_of
 from holdfast.errors import DefinitionError, ModelWarning, OutputError, SimulationError
+from holdfast.execution.arrays import Array, Truths, Wholes
 from holdfast.execution.cache import Stored
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.execution.intervals.law_ranges import TableRanges
@@ -214,7 +207,7 @@ class Certificate:
     rates: tuple[sp.Expr, ...]
     constraints: tuple[tuple[str, str, sp.Expr], ...]
     sampling: Sampling
-    candidates: Floats
+    candidates: Array
     kept: Kept
     target: tuple[tuple[str, str, sp.Expr], ...] = ()
 
@@ -415,7 +408,7 @@ def _led(images: Images, rows: Truths, into: Counted) -> Truths:
     return leads
 
 
-def _from_zero(tried: Floats) -> Wholes:
+def _from_zero(tried: Array) -> Wholes:
     """The numbers of inputs, those that are nearest to zero first."""
     most = np.abs(tried).max(axis=0)
     order: Wholes = ((tried / np.where(most > 0, most, 1)) ** 2).sum(axis=1).argsort(kind="stable")

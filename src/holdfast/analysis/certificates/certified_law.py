@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Truths, Wholes
+from holdfast.analysis.certificates.cells import Cells, Counted
 from holdfast.analysis.certificates.certificate import NONE, Certificate, flow_of, inputs_at_target
 from holdfast.analysis.certificates.problem import ROUNDED
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.execution.arrays import Array, Truths, Wholes
 from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.law import CellLookup, Law
@@ -120,7 +121,7 @@ def certified_system(certificate: Certificate) -> System:
     )
 
 
-def _whole_box(candidates: Floats) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+def _whole_box(candidates: Array) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     """The box of the inputs that were tried, if all its corners were tried."""
     if not candidates.shape[1]:
         return None
@@ -316,7 +317,7 @@ class Proof:
         self._widths = np.array([np.diff(e).min() for e in self.cells.edges])
         self._table: tuple[Any, ...] = cell_table(certificate)
         total = math.prod(self.cells.counts)
-        entries: Floats = self._table[0]
+        entries: Array = self._table[0]
         levels = entries[total:] if self.lasts else np.zeros(total)
         levels = np.where(entries[:total] < len(self.candidates), levels, -1).astype(np.int64)
         if self.lasts and not certificate.target:  # with no period left a state is in the region
@@ -325,7 +326,7 @@ class Proof:
         self._levels = levels
         self._sets: dict[int, Counted] = {}
 
-    def looked_up(self, states: Floats) -> tuple[Floats, Floats]:
+    def looked_up(self, states: Array) -> tuple[Array, Array]:
         """For how long the cell of each state keeps it [s], -1 where none does, and its inputs.
 
         With a target: in what time it leads there, 0 where the state is there.
@@ -340,7 +341,7 @@ class Proof:
         )  # fmt: skip
         return out[:, 0], out[:, 1:]
 
-    def needed(self, seconds: Floats) -> Wholes:
+    def needed(self, seconds: Array) -> Wholes:
         """The level that an input has to lead to, for states that are kept so long [s].
 
         One less than that of their cell; to any certified cell from where none is, and from the
@@ -352,11 +353,11 @@ class Proof:
         least = (self.certificate.kept.holds or 0) if self.certificate.target else 1
         return np.where(levels > 0, levels - 1, least)
 
-    def inside(self, states: Floats) -> Truths:
+    def inside(self, states: Array) -> Truths:
         """Whether the constraints surely hold at states."""
         return self.flow.inside(states, states)
 
-    def leads(self, states: Floats, inputs: Floats, needed: Wholes) -> Truths:
+    def leads(self, states: Array, inputs: Array, needed: Wholes) -> Truths:
         """Whether an input leads from each state to cells of that level, inside on the way.
 
         Proved, with every rounding, of states at which the constraints hold.

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Kept, Truths, Wholes
+from holdfast.analysis.certificates.cells import Cells, Counted, Kept
 from holdfast.analysis.certificates.certificate import (
     MOST_CELLS,
     MOST_DEPTH,
@@ -35,7 +35,6 @@ from holdfast.analysis.certificates.images import (
     BEST,
     REGION,
     Images,
-    Ranks,
     Store,
     in_steps,
     refined,
@@ -61,6 +60,7 @@ from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.arguments import checked, renamed
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import AnyArray, Array, Ranks, Truths, Wholes
 from holdfast.execution.intervals.enclosure import TURN
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.maths.definitions.law import Law
@@ -92,7 +92,7 @@ class SetOnGrid(Protocol):
     def report(self) -> Report:
         """The problem, the march and its error estimates."""
 
-    def values(self, time: float | None = None) -> npt.NDArray[Any]:
+    def values(self, time: float | None = None) -> AnyArray:
         """V at the nodes, with an axis for each state."""
 
 
@@ -146,7 +146,7 @@ def touched_by(value: SetOnGrid, margin: float) -> Callable[[Cells], Truths]:
 def kept(
     flow: HeldFlow,
     cells: Cells,
-    candidates: Floats,
+    candidates: Array,
     holds: int | None = None,
     progress: Callable[[str, float], None] | None = None,
     halvings: int = 0,
@@ -223,7 +223,7 @@ NONE = -1
 def reached(
     flow: HeldFlow,
     cells: Cells,
-    candidates: Floats,
+    candidates: Array,
     holds: int | None = None,
     progress: Callable[[str, float], None] | None = None,
     halvings: int = 0,
@@ -607,7 +607,7 @@ def _check_refine(halvings: int, cells: Cells) -> None:
         )
 
 
-def _edges(name: str, edges: Floats, low: float, high: float) -> Floats:
+def _edges(name: str, edges: Array, low: float, high: float) -> Array:
     """Those that are given, of cells that need not be even."""
     grow = edges.ndim == 1 and len(edges) > 1 and bool((np.diff(edges) > 0).all())
     if not grow or not np.isfinite(edges).all():

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Floats
 from holdfast.analysis.certificates.certificate import (
     Range,
     check_functions,
@@ -36,6 +35,7 @@ from holdfast.analysis.certificates.law_cells import law_of_cases
 from holdfast.analysis.certificates.problem import check_among, errors_of, parameters_of, ranges_of
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, SimulationError
+from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.law import Law, LawCases, Option
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
@@ -88,7 +88,7 @@ class Search:
         self._ends: list[list[tuple[float, float]]] = []
 
     @property
-    def boxes(self) -> tuple[Floats, Floats, Floats]:
+    def boxes(self) -> tuple[Array, Array, Array]:
         """When, and between what, all states are."""
         n = len(self.pipe.states)
         rows = np.array(self._rows, dtype=float).reshape(-1, 2 + 2 * n)
@@ -250,9 +250,9 @@ class Flowpipe:
     why: str
     splits: tuple[int, ...]
     levels: bytes
-    times: Floats
-    low: Floats
-    high: Floats
+    times: Array
+    low: Array
+    high: Array
     ends: Mapping[str, Range]
 
     @property

@@ -23,14 +23,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast._version import __version__
-from holdfast.analysis.certificates.cells import Cells, Floats, Halvings, Truths, Wholes
+from holdfast.analysis.certificates.cells import Cells, Halvings
 from holdfast.errors import CacheWarning, OutputError
+from holdfast.execution.arrays import AnyArray, Array, Ranks, Truths, Wholes
 from holdfast.execution.intervals.held_flow import HeldFlow
 from holdfast.execution.resources import available_cores, check_memory
 
@@ -53,7 +53,7 @@ class Store:
         self.folder, self._asked = Path(folder), 0
 
     def blocks(
-        self, flow: HeldFlow, cells: Cells, candidates: Floats, of: Wholes, tasks: Sequence[object]
+        self, flow: HeldFlow, cells: Cells, candidates: Array, of: Wholes, tasks: Sequence[object]
     ) -> Blocks:
         """The blocks of these images: those of an earlier run, or none that is done.
 
@@ -162,7 +162,7 @@ class Images:
 
 
 def where(
-    sure: Callable[[Floats, Floats], Truths], cells: Cells, among: Wholes | None = None
+    sure: Callable[[Array, Array], Truths], cells: Cells, among: Wholes | None = None
 ) -> Wholes:
     """Numbers of the cells all over which something is sure, of all or among some."""
     among = np.arange(cells.total) if among is None else among
@@ -176,7 +176,7 @@ def where(
 def images(
     flow: HeldFlow,
     cells: Cells,
-    candidates: Floats,
+    candidates: Array,
     of: Wholes,
     tell: Callable[[str, float], None],
     store: Store | None = None,
@@ -225,7 +225,7 @@ def images(
     return Images(of, first, last, usable)
 
 
-def in_steps(flow: HeldFlow, cells: Cells, candidates: Floats) -> HeldFlow:
+def in_steps(flow: HeldFlow, cells: Cells, candidates: Array) -> HeldFlow:
     """The flow with holds divided into as many steps as pay, by a trial of some cells.
 
     What is gained is the mean of one part in so many cells as an input leads to, constraints on the
@@ -262,7 +262,6 @@ def joined(*several: Images) -> Images:
     return Images(*(np.concatenate([getattr(i, n) for i in several]) for n in names))
 
 
-Ranks = npt.NDArray[np.int32]
 Settle = Callable[[Images, Cells, Ranks], tuple[Ranks, Wholes, int]]
 """From images, the cells and their ranks: the ranks of those that have images, the inputs that give
 them, and how many sweeps that took."""
@@ -283,7 +282,7 @@ class Refined:
 def refined(
     flow: HeldFlow,
     cells: Cells,
-    candidates: Floats,
+    candidates: Array,
     depth: int,
     settle: Settle,
     enough: int,
@@ -357,7 +356,7 @@ def _gained(
             return inputs, sweeps
 
 
-def doubled(values: npt.NDArray[Any], cells: Cells) -> npt.NDArray[Any]:
+def doubled(values: AnyArray, cells: Cells) -> AnyArray:
     """What is known of the cells that these are halves of, for each of these."""
     finer = values.reshape([n // 2 for n in cells.counts])
     for axis in range(finer.ndim):
@@ -365,7 +364,7 @@ def doubled(values: npt.NDArray[Any], cells: Cells) -> npt.NDArray[Any]:
     return finer.reshape(-1)
 
 
-def sure_of(sure: Callable[[Floats, Floats], Truths], halvings: Halvings) -> Wholes:
+def sure_of(sure: Callable[[Array, Array], Truths], halvings: Halvings) -> Wholes:
     """The smallest cells all over which something is sure, or all over a cell that they are in."""
     certain = np.zeros(0, dtype=bool)
     for g in range(halvings.depth + 1):

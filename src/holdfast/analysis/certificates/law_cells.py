@@ -15,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Kept, Truths, Wholes
+from holdfast.analysis.certificates.cells import Cells, Counted, Kept
 from holdfast.analysis.certificates.certificate import Range
 from holdfast.analysis.certificates.images import BLOCK, where
 from holdfast.errors import DefinitionError, SimulationError
+from holdfast.execution.arrays import Array, Truths, Wholes
 from holdfast.execution.codegen.closed_loop_program import ControllerProgram, controller_program
 from holdfast.execution.intervals.held_flow import HeldFlow
 from holdfast.execution.intervals.law_ranges import MOST_SETS, LawRanges, sets_of
@@ -365,7 +366,7 @@ def inputs_under_way(flow: HeldFlow, cells: Cells) -> tuple[tuple[float, float],
     """
     law, inside = _law_of(flow), where(flow.inside, cells)
     low, high = cells.corners(inside)
-    ends: list[tuple[Floats, Floats]] = []
+    ends: list[tuple[Array, Array]] = []
     for mode in range(law.modes):
         for begin in range(0, len(inside), BLOCK):
             part = slice(begin, begin + BLOCK)

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.analysis.certificates.cells import Floats, Wholes
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import CELLS, certify
 from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.arguments import checked
+from holdfast.execution.arrays import Array, Wholes
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.execution.intervals.law_ranges import LawRanges
@@ -42,9 +42,9 @@ class Leaving:
 
     start: Mapping[str, float]
     held: Mapping[str, float]
-    time: Floats
-    low: Floats
-    high: Floats
+    time: Array
+    low: Array
+    high: Array
     constraint: str
     by: float
 
@@ -67,7 +67,7 @@ class LawJudgement:
         return "proved" if self.certificate.kept.share == 1 else "undecided"
 
     @property
-    def undecided(self) -> Floats:
+    def undecided(self) -> Array:
         """The middles of the cells in the region of which nothing is proved, (cells, states)."""
         kept_set = self.certificate.kept
         low, high = kept_set.cells.corners(np.setdiff1d(kept_set.region, kept_set.members))
@@ -153,9 +153,9 @@ def _run(
     certificate: Certificate,
     states: list[Any],
     held: Mapping[str, float],
-    starts: Floats,
+    starts: Array,
     holds: int,
-) -> Iterator[tuple[list[Floats], list[Floats]]]:
+) -> Iterator[tuple[list[Array], list[Array]]]:
     """After each hold all boxes until then; of trajectories under constant numbers."""
     disturbances = {symbol(n): (held[n], held[n]) for n, _ in certificate.disturbances}
     parameters = {symbol(n): (held[n], held[n]) for n, _ in certificate.parameters}
@@ -177,8 +177,8 @@ def _run(
 
 
 def _certain(
-    law: LawRanges, mode: Wholes, low: Floats, high: Floats
-) -> tuple[Wholes, Floats, Floats, Wholes]:
+    law: LawRanges, mode: Wholes, low: Array, high: Array
+) -> tuple[Wholes, Array, Array, Wholes]:
     """The boxes with which the law surely does one thing, its inputs, and all modes afterwards."""
     rows, least, most, after = [], [], [], mode.copy()
     for k in range(law.modes):

@@ -28,7 +28,7 @@ import numpy.typing as npt
 import sympy as sp
 import xarray as xr
 
-from holdfast.analysis.certificates.cells import Cells, Floats, Halvings, Truths, Wholes
+from holdfast.analysis.certificates.cells import Cells, Halvings
 from holdfast.analysis.certificates.certificate import Certificate, Range, check_functions
 from holdfast.analysis.certificates.certify import SetOnGrid, certify, comes_back
 from holdfast.analysis.certificates.images import sure_of, where
@@ -37,6 +37,7 @@ from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.analysis.simulation.files import write_netcdf
 from holdfast.arguments import checked, renamed
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array, Truths, Wholes
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import HeldFlow
 from holdfast.maths.definitions.bounds import Bounds
@@ -172,7 +173,7 @@ def even_cells(value: SetOnGrid, counts: Mapping[str, int]) -> Cells:
 
 def free_flow(
     system: System, regions: tuple[Region, ...], hold: float, *, back: bool = False
-) -> tuple[HeldFlow, Callable[[Floats, Floats], tuple[Floats, Floats]]]:
+) -> tuple[HeldFlow, Callable[[Array, Array], tuple[Array, Array]]]:
     """Enclosures of the flow with everything free, and of its rates over boxes of states."""
     players = (*system.inputs, *system.disturbances)
     free_system = replace(
@@ -189,7 +190,7 @@ def free_flow(
     intervals = {**free, **fixed}
     enclosure = Enclosure(rates, [*states, *intervals])
 
-    def over(low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    def over(low: Array, high: Array) -> tuple[Array, Array]:
         ends = [np.tile([e[k] for e in intervals.values()], (len(low), 1)) for k in (0, 1)]
         return enclosure.over(np.hstack([low, ends[0]]), np.hstack([high, ends[1]]))
 
@@ -329,14 +330,14 @@ STEPS = (1, 4, 16, 64)
 """Numbers of steps of a leg: more of them as long as that makes the set smaller."""
 
 
-def _possible(system: System, region: Region) -> Callable[[Floats, Floats], Truths]:
+def _possible(system: System, region: Region) -> Callable[[Array, Array], Truths]:
     """Whether a box may have a state of the region: no constraint is violated all over it."""
     parameters = list(parameters_of(system, (region,)).values())
     names = [*(q.symbol for q in system.states), *(p.symbol for p in parameters)]
     enclosure = Enclosure([exact(c.expression) for c in region.inequalities], names)
     numbers = [float(p.value) for p in parameters]
 
-    def possible(low: Floats, high: Floats) -> Truths:
+    def possible(low: Array, high: Array) -> Truths:
         fixed = np.tile(numbers, (len(low), 1)).reshape(len(low), len(numbers))
         smallest, _ = enclosure.over(np.hstack([low, fixed]), np.hstack([high, fixed]))
         allowed: Truths = np.logical_not((smallest > 0).any(axis=1))
@@ -459,8 +460,8 @@ def _open_sides(cells: Cells, room: Truths) -> list[tuple[bool, bool]]:
 
 
 def _clipped(
-    cells: Cells, low: Floats, high: Floats, open_sides: list[tuple[bool, bool]]
-) -> tuple[Floats, Floats, int]:
+    cells: Cells, low: Array, high: Array, open_sides: list[tuple[bool, bool]]
+) -> tuple[Array, Array, int]:
     """Boxes within the grid, and one more than the axis at which a way may leave it, or 0.
 
     A way in the region never passes the impossible cells at a closed end.
@@ -480,7 +481,7 @@ def _clipped(
     return low, high, 0
 
 
-def _note(noted: Truths, cells: Cells, low: Floats, high: Floats) -> None:
+def _note(noted: Truths, cells: Cells, low: Array, high: Array) -> None:
     """Note all cells that boxes within the grid touch: sums of one at each corner of the blocks."""
     first, last, inside = cells.touched(low, high)
     assert inside.all()

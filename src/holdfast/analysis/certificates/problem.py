@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Floats
 from holdfast.analysis.certificates.certificate import Range
 from holdfast.errors import SimulationError, check_name, suggestion
+from holdfast.execution.arrays import Array
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.quantity import Parameter
@@ -107,7 +107,7 @@ def _ends(system: System, bounds: Bounds, ranges: Mapping[str, Range]) -> list[t
 
 def _over_parameters(
     system: System, expressions: Sequence[sp.Expr], ranges: Mapping[str, Range]
-) -> Floats:
+) -> Array:
     """Enclosures of expressions of the parameters, a row each."""
     parameters = list(system.parameters)
     corners = np.array([[ranges[p.name][end] for p in parameters] for end in (0, 1)]).reshape(
@@ -144,7 +144,7 @@ def parts_of(
 
 def candidates_of(
     system: System, counts: int | Mapping[str, int], ranges: Mapping[str, Range]
-) -> Floats:
+) -> Array:
     """Inputs that are tried: within the bounds for every number that is uncertain."""
     if not system.inputs:
         return np.empty((1, 0))
@@ -175,7 +175,7 @@ def candidates_of(
     return tried[inside]
 
 
-def _drawn_in(cube: Floats) -> Floats:
+def _drawn_in(cube: Array) -> Array:
     """The points of a cube around zero drawn in to the ball in it, each along its ray."""
     sizes = np.linalg.norm(cube, axis=1)
     shares = np.abs(cube).max(axis=1) / np.where(sizes > 0, sizes, 1.0)

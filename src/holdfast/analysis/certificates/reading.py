@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Cells, Floats, Halvings, Kept, Truths, Wholes
+from holdfast.analysis.certificates.cells import Cells, Halvings, Kept
 from holdfast.analysis.certificates.certificate import (
     ENTRY,
     KNOWN,
@@ -40,6 +40,7 @@ from holdfast.analysis.certificates.certified_law import KEYS
 from holdfast.analysis.certificates.images import sure_of
 from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, HoldfastError, OutputError
+from holdfast.execution.arrays import Array, Truths, Wholes
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.maths.definitions.law import LawCases, Option, Program
@@ -260,7 +261,7 @@ def _counts(o: Option | Program) -> Iterator[int]:
 
 
 def _sampling(
-    header: Mapping[str, Any], candidates: Floats, law: LawCases | None, late: Ranges
+    header: Mapping[str, Any], candidates: Array, law: LawCases | None, late: Ranges
 ) -> Sampling:
     hold, delay, *errors = (
         _finite(v) for v in (header["hold"], header["delay"], *header["errors"])
@@ -333,7 +334,7 @@ def _region(
     """The cells that lie in the region wherever they are measured."""
     enclosure = Enclosure(constraints, [*states, *of]) if constraints else None
 
-    def sure(low: Floats, high: Floats) -> Truths:
+    def sure(low: Array, high: Array) -> Truths:
         if enclosure is None:
             return np.ones(len(low), dtype=bool)
         for axis, error in enumerate(errors):

@@ -24,7 +24,7 @@ from holdfast.analysis.reachability.value_function import Tried, ValueFunction
 from holdfast.analysis.simulation.files import MARK, NamedArray, NamedArrays, write_groups
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, HoldfastError, OutputError, SimulationError
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.decomposition.prediction import Prediction
 from holdfast.maths.definitions.system import System
@@ -212,9 +212,9 @@ class PartsValue:
     @checked
     def contains(
         self, states: npt.ArrayLike, margin: float = 0.0, time: float | None = None
-    ) -> npt.NDArray[np.bool_]:
+    ) -> Truths:
         """Whether V > margin; a state outside a grid or the domain is not contained."""
-        inside: npt.NDArray[np.bool_] = self.at(states, time) > margin
+        inside: Truths = self.at(states, time) > margin
         return inside
 
     @checked

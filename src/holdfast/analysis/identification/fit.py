@@ -25,7 +25,6 @@ from holdfast.analysis.identification.least_squares import (
 )
 from holdfast.analysis.identification.log import (
     MOST_BEYOND,
-    Floats,
     Log,
     Windows,
     applied,
@@ -38,6 +37,7 @@ from holdfast.analysis.identification.log import (
     windows_of,
 )
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.system import System
 from holdfast.maths.identification import MeasuredMotion, measured_motion
@@ -93,9 +93,9 @@ class Unexplained:
     units: tuple[str, ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
-    value: Floats
-    by_noise: Floats
-    start: Floats
+    value: Array
+    by_noise: Array
+    start: Array
     length: float
     unjudged: int = 0
 
@@ -323,7 +323,7 @@ not seen, before the fit and after it."""
 _POINTS = 400
 
 
-def ties(motion: MeasuredMotion, values: Floats) -> list[tuple[str, ...]]:
+def ties(motion: MeasuredMotion, values: Array) -> list[tuple[str, ...]]:
     """Groups of numbers that the rates show only in combination, however the vehicle moves.
 
     The null space of df/dv at these values, at random states and inputs (local structural
@@ -348,7 +348,7 @@ def ties(motion: MeasuredMotion, values: Floats) -> list[tuple[str, ...]]:
     return [tuple(names[k] for k in np.flatnonzero(np.abs(row) > 1e-6)) for row in _sparse(null)]
 
 
-def _sparse(rows: Floats) -> Floats:
+def _sparse(rows: Array) -> Array:
     """Rows that span the same space with as few entries as elimination gives."""
     rows = rows.copy()
     done = 0
@@ -379,7 +379,7 @@ def to_hold(groups: Sequence[tuple[str, ...]], order: Sequence[str]) -> dict[str
     return held
 
 
-def not_seen(information: Floats, scale: Floats, names: Sequence[str], vague: float) -> list[str]:
+def not_seen(information: Array, scale: Array, names: Sequence[str], vague: float) -> list[str]:
     """Numbers of which the deviation is more than `vague` sizes, the vaguest first."""
     left = list(range(len(names)))
     dropped: list[str] = []
@@ -394,7 +394,7 @@ def not_seen(information: Floats, scale: Floats, names: Sequence[str], vague: fl
     return dropped
 
 
-def deviations(information: Floats) -> Floats:
+def deviations(information: Array) -> Array:
     """The deviation of each number for this information; infinite where there is none."""
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0, scale, 1.0)
@@ -578,7 +578,7 @@ def _problem(
     held: Mapping[str, tuple[str, str]],
     part: int,
     guess: Mapping[str, float],
-) -> tuple[Problem, Floats, Floats]:
+) -> tuple[Problem, Array, Array]:
     """What is fitted, with the first guess and the lower limit of each number."""
     system = setting.system
     free = [q.name for q in whole.unknown if q.name not in held]
@@ -593,20 +593,20 @@ def _problem(
     return Problem(Shooting(motion), windows, first, range(len(first))), first, lower
 
 
-def _begun(problem: Problem, first: Floats) -> Fitted:
+def _begun(problem: Problem, first: Array) -> Fitted:
     """The first guess, with the first states that fit it best."""
     windows = problem.windows
     noise = first_noise(windows, len(problem.shooting.motion.names))
     return problem.settle(first, problem.first_local(), 1 / noise[windows.signal])
 
 
-def _sizes(start: Fitted) -> Floats:
+def _sizes(start: Fitted) -> Array:
     """Sizes of numbers without a first guess: a hundred deviations, since 0 is no measure."""
     strength = np.sqrt(np.maximum(np.diag(start.information), 0.0))
     return np.where(strength > 0, 100 / np.maximum(strength, 1e-300), 1.0)
 
 
-def spread_of(fit: Fitted, windows: Windows) -> Floats:
+def spread_of(fit: Fitted, windows: Windows) -> Array:
     """The deviation of each shared number: of independent noise or of windows, the larger."""
     if not fit.shared.size:
         return np.empty(0)

@@ -36,17 +36,10 @@ from holdfast.analysis.identification.fit import (
     to_hold,
 )
 from holdfast.analysis.identification.least_squares import Fitted, Problem, Shooting, fitted
-from holdfast.analysis.identification.log import (
-    FEWEST,
-    HUBER,
-    Floats,
-    Log,
-    Windows,
-    applied,
-    first_noise,
-)
+from holdfast.analysis.identification.log import FEWEST, HUBER, Log, Windows, applied, first_noise
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, check_name
+from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.trajectories import Trajectories
 from holdfast.maths.control.unmodelled import PREFIX, add_unmodelled
@@ -133,7 +126,7 @@ def _absent(motion: MeasuredMotion, windows: Windows) -> list[str]:
     return [f"{q.name} is 0 throughout" for q, most in absent if most <= least]
 
 
-def _noisy(names: Sequence[str], windows: Windows, noise: Floats) -> list[str]:
+def _noisy(names: Sequence[str], windows: Windows, noise: Array) -> list[str]:
     usual = first_noise(windows, len(names))
     return [
         f"{n} is {float(f'{now / before:.2g}'):g} times as far from the model as its values from "
@@ -186,7 +179,7 @@ def needed(
     shooting: Shooting,
     system: System,
     windows: Sequence[Windows],
-    noise: Floats,
+    noise: Array,
     still: Mapping[str, float],
     log: str,
 ) -> Unexplained:
@@ -270,7 +263,7 @@ class Manoeuvre:
     """Inputs over steps, shape (steps, inputs), and what they are in words."""
 
     words: str
-    inputs: Floats
+    inputs: Array
 
 
 def advised(
@@ -370,7 +363,7 @@ def _amplitudes(system: System, names: list[str], windows: Windows) -> list[floa
 
 def _planned(
     system: System, motion: MeasuredMotion, windows: Windows, trials: Sequence[Manoeuvre]
-) -> Floats:
+) -> Array:
     """The inputs that each manoeuvre gives within the limits, shape (manoeuvres, steps, inputs)."""
     names = [q.name for q in motion.inputs]
     inputs = np.stack([trial.inputs for trial in trials])
@@ -384,8 +377,8 @@ def _planned(
 
 
 def _information(
-    shooting: Shooting, windows: Windows, fit: Fitted, values: Floats, inputs: Floats, path: Floats
-) -> Floats | None:
+    shooting: Shooting, windows: Windows, fit: Fitted, values: Array, inputs: Array, path: Array
+) -> Array | None:
     """What a manoeuvre would show, with the noise and the rate of measurements.
 
     inputs, path: of each step, and the states at each node.
@@ -410,7 +403,7 @@ def _information(
     return settled.information if np.isfinite(settled.slopes).all() else None
 
 
-def trajectories(motion: MeasuredMotion, inputs: Floats, values: Floats, step: float) -> Floats:
+def trajectories(motion: MeasuredMotion, inputs: Array, values: Array, step: float) -> Array:
     """States from rest at the nodes of steps with these inputs.
 
     inputs: shape (manoeuvres, steps, inputs). Shape (manoeuvres, steps + 1, states).
@@ -553,7 +546,7 @@ def _estimate(
     before: float,
     best: Mapping[str, float],
     places: Mapping[str, int],
-    spread: Floats,
+    spread: Array,
     quantile: float,
     held: Mapping[str, tuple[str, str]],
 ) -> Estimate:
@@ -576,7 +569,7 @@ def _left(
     whole: MeasuredMotion,
     log: Log,
     held_out: Log | None,
-    noise: Floats,
+    noise: Array,
     still: Mapping[str, float],
     chosen: Sequence[str],
     widen: float,
@@ -598,7 +591,7 @@ def _left(
 
 
 def _still(
-    system: System, setting: Setting, whole: MeasuredMotion, log: Log, noise: Floats
+    system: System, setting: Setting, whole: MeasuredMotion, log: Log, noise: Array
 ) -> tuple[dict[str, float], dict[str, float]]:
     """The constant disturbances of a second log, and its errors of prediction over a window."""
     here = [q.name for q in whole.unknown if q.name in system.disturbance_names]
@@ -617,7 +610,7 @@ def _still(
     return dict(zip(here, fit.shared.tolist(), strict=True)), rms
 
 
-def _shown(problem: Problem, fit: Fitted) -> dict[str, tuple[Floats, Floats, Floats]]:
+def _shown(problem: Problem, fit: Fitted) -> dict[str, tuple[Array, Array, Array]]:
     """(time, measured, predicted) of each signal."""
     w = problem.windows
     names = problem.shooting.motion.names

@@ -14,7 +14,6 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from holdfast.analysis.identification.log import (
-    Floats,
     Windows,
     deviations,
     first_noise,
@@ -22,6 +21,7 @@ from holdfast.analysis.identification.log import (
     least_noise,
 )
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.trajectories import Trajectories
 from holdfast.maths.identification import MeasuredMotion
@@ -35,19 +35,19 @@ class Predicted:
     window and by the unknown numbers, shapes (measurements, states) and (measurements, unknown).
     """
 
-    value: Floats
-    by_state: Floats
-    by_unknown: Floats
+    value: Array
+    by_state: Array
+    by_unknown: Array
 
 
 @dataclass(frozen=True)
 class _Nodes:
     """Values and rates at the nodes of every window, shapes (nodes, rows, windows)."""
 
-    value: Floats
-    rate: Floats
+    value: Array
+    rate: Array
 
-    def at(self, windows: Windows, of: npt.NDArray[np.intp], rows: npt.NDArray[np.intp]) -> Floats:
+    def at(self, windows: Windows, of: npt.NDArray[np.intp], rows: npt.NDArray[np.intp]) -> Array:
         """The cubic Hermite interpolant of some rows at some measurements, a row for each."""
         k, w, h = windows.node[of][:, None], windows.window[of][:, None], windows.step
         s = windows.share[of][:, None]
@@ -56,7 +56,7 @@ class _Nodes:
             return a
         b = self.value[k + 1, rows, w]
         c, d = self.rate[k, rows, w] * h, self.rate[k + 1, rows, w] * h
-        interpolated: Floats = (
+        interpolated: Array = (
             a * ((1 + 2 * s) * (1 - s) ** 2)
             + b * (s**2 * (3 - 2 * s))
             + c * (s * (1 - s) ** 2)
@@ -87,7 +87,7 @@ class Shooting:
             values = [output, *(slopes[i] for i in used), *direct]
             self._outputs.append((used, Evaluator(values, [*x, *v], motion.parameters)))
 
-    def predicted(self, windows: Windows, first: Floats, unknown: Floats) -> Predicted:
+    def predicted(self, windows: Windows, first: Array, unknown: Array) -> Predicted:
         """The measurements of windows that begin at `first`, shape (windows, states).
 
         unknown: shape (windows, unknown), constant in each window.
@@ -150,20 +150,20 @@ class Fitted:
     local numbers change with the shared ones. settled: whether more steps would change nothing.
     """
 
-    shared: Floats
-    local: Floats
-    noise: Floats
-    weight: Floats
-    residual: Floats
-    slopes: Floats
-    spread: Floats
-    follow: Floats
+    shared: Array
+    local: Array
+    noise: Array
+    weight: Array
+    residual: Array
+    slopes: Array
+    spread: Array
+    follow: Array
     settled: bool = True
 
     @property
-    def information(self) -> Floats:
+    def information(self) -> Array:
         """The inverse of the covariance of the shared numbers, for independent noise."""
-        matrix: Floats = self.slopes.T @ self.slopes
+        matrix: Array = self.slopes.T @ self.slopes
         return matrix
 
 
@@ -178,7 +178,7 @@ class Problem:
         self,
         shooting: Shooting,
         windows: Windows,
-        given: Floats,
+        given: Array,
         shared: Sequence[int],
         local: Sequence[int] = (),
     ) -> None:
@@ -189,7 +189,7 @@ class Problem:
         if (counts := np.diff(np.append(starts, len(windows.window)))).min() == 0:
             raise SimulationError(f"{int((counts == 0).sum())} windows have no measurement")
 
-    def first_local(self) -> Floats:
+    def first_local(self) -> Array:
         """A first guess: the measured states at the beginning of each window, and zero else."""
         w = self.windows
         guess = np.zeros((w.count, self.shooting.states + len(self.local)))
@@ -200,12 +200,12 @@ class Problem:
                 guess[:, places.index(name)] = np.interp(w.start, w.time[of], w.value[of])
         return guess
 
-    def summed(self, rows: Floats) -> Floats:
+    def summed(self, rows: Array) -> Array:
         """Sums of rows over the measurements of each window."""
-        sums: Floats = np.add.reduceat(rows, self._starts, axis=0)
+        sums: Array = np.add.reduceat(rows, self._starts, axis=0)
         return sums
 
-    def predict(self, shared: Floats, local: Floats) -> tuple[Predicted, Floats, Floats]:
+    def predict(self, shared: Array, local: Array) -> tuple[Predicted, Array, Array]:
         """The prediction, and its slopes by the local and by the shared numbers."""
         n = self.shooting.states
         unknown = np.repeat(self.given[None, :], self.windows.count, axis=0)
@@ -215,12 +215,12 @@ class Problem:
         by_local = np.concatenate([predicted.by_state, predicted.by_unknown[:, self.local]], axis=1)
         return predicted, by_local, predicted.by_unknown[:, self.shared]
 
-    def settle(self, shared: Floats, local: Floats, weight: Floats) -> Fitted:
+    def settle(self, shared: Array, local: Array, weight: Array) -> Fitted:
         """The best local numbers for these shared ones (Levenberg-Marquardt, window by window)."""
         with np.errstate(over="ignore", invalid="ignore"):  # windows that diverge are rejected
             return self._settled(shared, local, weight)
 
-    def _settled(self, shared: Floats, local: Floats, weight: Floats) -> Fitted:
+    def _settled(self, shared: Array, local: Array, weight: Array) -> Fitted:
         residual, rows, common = self._weighted(shared, local, weight)
         cost = self.summed(residual**2)
         damping = np.zeros(self.windows.count)
@@ -245,7 +245,7 @@ class Problem:
         off = residual / weight
         return Fitted(shared, local, noise, weight, off, slopes, inverse, -cross)
 
-    def information_without_noise(self, fit: Fitted) -> Floats:
+    def information_without_noise(self, fit: Fitted) -> Array:
         """The information of a fit less twice what the noise of its first states adds to it.
 
         States that are wrong by noise move as well, and seem to show what no motion shows. A second
@@ -256,7 +256,7 @@ class Problem:
         with np.errstate(over="ignore", invalid="ignore"):
             return self._without_noise(fit, random)
 
-    def _without_noise(self, fit: Fitted, random: np.random.Generator) -> Floats:
+    def _without_noise(self, fit: Fitted, random: np.random.Generator) -> Array:
         value, vector = np.linalg.eigh(fit.spread)
         root = vector * np.sqrt(np.maximum(value, 0))[:, None, :]
         added = np.zeros_like(fit.information)
@@ -269,36 +269,34 @@ class Problem:
             added += (slopes[stays].T @ slopes[stays] - usual.T @ usual) / DRAWS
         return fit.information - 2 * added
 
-    def determined(self, fit: Fitted) -> npt.NDArray[np.bool_]:
+    def determined(self, fit: Fitted) -> Truths:
         """Whether the measurements of each window show all its local numbers."""
         _, rows, _ = self._weighted(fit.shared, fit.local, fit.weight)
         matrices = self.summed(rows[:, :, None] * rows[:, None, :])
         scale = np.sqrt(np.einsum("wii->wi", matrices))
-        sure: npt.NDArray[np.bool_] = (scale > 0).all(axis=1) & np.isfinite(matrices).all((1, 2))
+        sure: Truths = (scale > 0).all(axis=1) & np.isfinite(matrices).all((1, 2))
         both = scale[sure][:, :, None] * scale[sure][:, None, :]
         sure[sure] = np.linalg.eigvalsh(matrices[sure] / both)[:, 0] > DETERMINED
         return sure
 
-    def _eliminated(self, rows: Floats, common: Floats) -> tuple[Floats, Floats, Floats]:
+    def _eliminated(self, rows: Array, common: Array) -> tuple[Array, Array, Array]:
         """(H^-1, H^-1 C, the slopes by the shared numbers with the local ones at their best)."""
         matrices = self.summed(rows[:, :, None] * rows[:, None, :])
         inverse = _inverse(matrices, np.zeros(len(matrices)))
         cross = inverse @ self.summed(rows[:, :, None] * common[:, None, :])
         return inverse, cross, common - np.einsum("ki,kij->kj", rows, cross[self.windows.window])
 
-    def _weighted(
-        self, shared: Floats, local: Floats, weight: Floats
-    ) -> tuple[Floats, Floats, Floats]:
+    def _weighted(self, shared: Array, local: Array, weight: Array) -> tuple[Array, Array, Array]:
         """The residuals, and the slopes of the prediction, in deviations."""
         predicted, by_local, common = self.predict(shared, local)
         off = (self.windows.value - predicted.value) * weight
         return off, by_local * weight[:, None], common * weight[:, None]
 
 
-def _inverse(matrices: Floats, damping: Floats) -> Floats:
+def _inverse(matrices: Array, damping: Array) -> Array:
     """Pseudo-inverses, free of units: what the measurements do not show does not move."""
     good = np.isfinite(matrices).all(axis=(1, 2))  # windows that diverge stay unknown
-    inverse: Floats = np.full_like(matrices, np.nan)
+    inverse: Array = np.full_like(matrices, np.nan)
     some, extra = matrices[good], damping[good]
     scale = np.sqrt(np.einsum("wii->wi", some))
     scale = np.where(scale > 0, scale, 1.0)
@@ -310,10 +308,10 @@ def _inverse(matrices: Floats, damping: Floats) -> Floats:
 
 def fitted(
     problem: Problem,
-    first: Floats,
-    lower: Floats,
+    first: Array,
+    lower: Array,
     *,
-    noise: Floats | None = None,
+    noise: Array | None = None,
     loose: float = LOOSE,
 ) -> Fitted:
     """The numbers of least squares with Huber's weights, the noise of each signal re-estimated.
@@ -363,17 +361,17 @@ def fitted(
 class _Held:
     """Numbers, in parts of their first guesses, that are pulled towards these."""
 
-    to: Floats
-    strength: Floats
+    to: Array
+    strength: Array
 
 
 def _minimised(
     problem: Problem,
-    shared: Floats,
-    local: Floats,
-    weight: Floats,
-    scale: Floats,
-    lower: Floats,
+    shared: Array,
+    local: Array,
+    weight: Array,
+    scale: Array,
+    lower: Array,
     held: _Held,
 ) -> tuple[Fitted, bool]:
     """A few steps of least squares with these weights, and whether more would change nothing."""
@@ -382,7 +380,7 @@ def _minimised(
     tried: tuple[bytes, Fitted] | None = None
     accepted: Fitted | None = None
 
-    def at(x: Floats) -> Fitted:
+    def at(x: Array) -> Fitted:
         """The fit with these numbers, its first states sought from those of the last accepted."""
         nonlocal tried
         if tried is None or tried[0] != x.tobytes():
@@ -392,13 +390,13 @@ def _minimised(
             tried = x.tobytes(), problem.settle(x * scale, begin, weight)
         return tried[1]
 
-    def residual(x: Floats) -> Floats:
+    def residual(x: Array) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):
             weighted = at(x).residual * weight
         clipped = np.where(np.isfinite(weighted), np.clip(weighted, -_FAR, _FAR), _FAR)
         return np.concatenate([clipped, held.strength * (x - held.to)])
 
-    def jacobian(x: Floats) -> Floats:
+    def jacobian(x: Array) -> Array:
         """Asked for at the first numbers and at accepted ones."""
         nonlocal accepted
         accepted = at(x)

@@ -11,15 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array, Wholes
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.system import System
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,8 @@ class Signal:
     An angle is continuous: it does not jump by a turn.
     """
 
-    time: Floats
-    value: Floats
+    time: Array
+    value: Array
 
 
 @dataclass(frozen=True)
@@ -66,15 +64,15 @@ class Windows:
     of the log in no window.
     """
 
-    start: Floats
+    start: Array
     step: float
     steps: int
-    inputs: Floats
-    window: npt.NDArray[np.int64]
-    node: npt.NDArray[np.int64]
-    share: Floats
-    signal: npt.NDArray[np.int64]
-    value: Floats
+    inputs: Array
+    window: Wholes
+    node: Wholes
+    share: Array
+    signal: Wholes
+    value: Array
     left_out: float
 
     @property
@@ -87,7 +85,7 @@ class Windows:
         return self.step * self.steps
 
     @property
-    def time(self) -> Floats:
+    def time(self) -> Array:
         """When each measurement was made [s]."""
         return self.start[self.window] + (self.node + self.share) * self.step
 
@@ -171,7 +169,7 @@ def _first_command(commands: Sequence[Signal], time: float) -> float:
     return float(later[0]) if len(later) else time
 
 
-def _integral(signal: Signal, at: Floats) -> Floats:
+def _integral(signal: Signal, at: Array) -> Array:
     """The integral of a command that holds until the next one."""
     time = np.append(signal.time, max(signal.time[-1], at.max()) + 1.0)
     total = np.concatenate([[0.0], np.cumsum(np.diff(time) * signal.value)])
@@ -179,8 +177,8 @@ def _integral(signal: Signal, at: Floats) -> Floats:
 
 
 def _placed(
-    signal: Signal, number: int, start: Floats, length: float, width: float, steps: int
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats, npt.NDArray[np.int64], Floats]:
+    signal: Signal, number: int, start: Array, length: float, width: float, steps: int
+) -> tuple[Wholes, Wholes, Array, Wholes, Array]:
     """(window, step, where in it, signal, value) of the values that lie in a window."""
     window = np.searchsorted(start, signal.time, side="right") - 1
     inside = (window >= 0) & (signal.time - start[window] < length)
@@ -199,19 +197,19 @@ _SMALLEST = 1e-9
 """Noise at least, as a part of the range of a signal."""
 
 
-def huber_weights(ratio: Floats) -> Floats:
+def huber_weights(ratio: Array) -> Array:
     """Square roots of Huber's weights of residuals in deviations."""
     return np.sqrt(np.minimum(1.0, HUBER / np.maximum(np.abs(ratio), 1e-300)))
 
 
-def deviations(w: Windows, residual: Floats, signals: int, fitted_numbers: int) -> Floats:
+def deviations(w: Windows, residual: Array, signals: int, fitted_numbers: int) -> Array:
     """The noise of each signal, from the median of its residuals, for the numbers fitted."""
     free = max(1 - fitted_numbers / len(w.value), 0.1)
     each = [1.4826 * float(np.median(np.abs(residual[w.signal == k]))) for k in range(signals)]
     return np.array(each) / np.sqrt(free)
 
 
-def first_noise(w: Windows, signals: int) -> Floats:
+def first_noise(w: Windows, signals: int) -> Array:
     """The noise of each signal, from its second differences within windows."""
     noise = []
     for k in range(signals):
@@ -223,7 +221,7 @@ def first_noise(w: Windows, signals: int) -> Floats:
     return np.maximum(np.array(noise), least_noise(w, signals))
 
 
-def least_noise(w: Windows, signals: int) -> Floats:
+def least_noise(w: Windows, signals: int) -> Array:
     spans = [
         np.ptp(w.value[w.signal == k]) if (w.signal == k).any() else 0.0 for k in range(signals)
     ]

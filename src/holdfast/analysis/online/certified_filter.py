@@ -25,7 +25,7 @@ from holdfast.analysis.online.controller import Given, numbers, time_of
 from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.arguments import checked
 from holdfast.errors import ArgumentError, DefinitionError, SimulationError, check_name
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import Array, Truths, Wholes
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import Alive, Command
@@ -89,9 +89,6 @@ class Filtered:
     def end(self) -> None:
         """After the last sample."""
 
-
-Truths = npt.NDArray[np.bool_]
-Wholes = npt.NDArray[np.int64]
 
 MOST_TOGETHER = 1 << 16
 """Inputs at states that are enclosed at a time."""
@@ -243,7 +240,7 @@ class CertifiedFilter:
     def prepare(self) -> None:
         """All is compiled already."""
 
-    def _answers(self, seen: Array, wanted: Array) -> tuple[Array, npt.NDArray[np.int64]]:
+    def _answers(self, seen: Array, wanted: Array) -> tuple[Array, Wholes]:
         """The rows of the decisions, and the numbers of their statuses."""
         m, proof = wanted.shape[1], self._proof
         finite: Truths = np.asarray(np.isfinite(np.hstack([seen, wanted])).all(axis=1))

@@ -15,11 +15,8 @@ from dataclasses import asdict, dataclass, field, fields
 from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
 from holdfast.errors import SimulationError
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.simulation.control_sample import Rows
 
 
@@ -154,7 +151,7 @@ class Decisions(NamedTuple):
     input: Array
     actuators: Array
     nominal: Array
-    overruled: npt.NDArray[np.bool_]
+    overruled: Truths
     slack: Array
     value: Array
     status: tuple[Status, ...]

@@ -44,7 +44,7 @@ from holdfast.errors import (
     SimulationError,
     suggestion,
 )
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.leaf import Evaluator
@@ -497,7 +497,7 @@ class SafetyFilter:
         finite &= math.isfinite(t)
         return self._answers(t, seen, finite)
 
-    def _answers(self, t: float, seen: Array, finite: npt.NDArray[np.bool_]) -> Decisions:
+    def _answers(self, t: float, seen: Array, finite: Truths) -> Decisions:
         assert self._many is not None
         before = self._many.memory
         answers = self._many.answers(t, np.where(finite[:, np.newaxis], seen, 0.0))

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.reachability.value_function import Places, ValueFunction
 from holdfast.errors import SimulationError
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
@@ -101,13 +100,11 @@ def outer_states(
     return Outer(deep / total, cells / total, rest / total, layers[0], layers[1])
 
 
-def _deep(
-    value: ValueFunction, states: Array, margin: float | None, loss: float
-) -> npt.NDArray[np.bool_]:
+def _deep(value: ValueFunction, states: Array, margin: float | None, loss: float) -> Truths:
     """Whether V > margin; without a margin, whether V > loss at all states a cell away."""
     if margin is None:
         return a_cell_inside(value, states, above=loss)
-    there: npt.NDArray[np.bool_] = value.at(states) > margin
+    there: Truths = value.at(states) > margin
     return there
 
 
@@ -137,13 +134,13 @@ def outside_states(
 
 def a_cell_inside(
     value: ValueFunction, states: Array, *, sign: int = 1, above: float = 0.0
-) -> npt.NDArray[np.bool_]:
+) -> Truths:
     """Whether sign V > above at the states and at all states one cell away along every axis.
 
     The criterion uses the local change of V between neighbours, not its unit. Beyond the end of a
     "limited" axis no states exist; beyond other ends no state counts as inside.
     """
-    inside: npt.NDArray[np.bool_] = sign * value.at(states) > above
+    inside: Truths = sign * value.at(states) > above
     for i, axis in enumerate(value.grid.axes):
         for step in (-axis.step, axis.step):
             moved = states.copy()

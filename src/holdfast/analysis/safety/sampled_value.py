@@ -30,7 +30,7 @@ from scipy import ndimage
 from holdfast.analysis.reachability.grid import number
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
-from holdfast.execution.arrays import AnyArray, Array
+from holdfast.execution.arrays import AnyArray, Array, Truths
 from holdfast.execution.cache import Stored, code_digest
 from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.foreseen import CUTS, numbers_of_search
@@ -349,7 +349,7 @@ class _Game:
         inner = self._around(ndimage.minimum_filter, values > 0)
         return np.where((values > 0) & ~inner, -FARTHEST * self.cell, values)
 
-    def _around(self, of: Callable[..., AnyArray], nodes: npt.NDArray[np.bool_]) -> AnyArray:
+    def _around(self, of: Callable[..., AnyArray], nodes: Truths) -> AnyArray:
         """The most or the least over each node and the nodes around it."""
         modes = ["wrap" if turns else "nearest" for turns in self.turns]
         return of(nodes.reshape(tuple(self.shape)), size=3, mode=modes).ravel()

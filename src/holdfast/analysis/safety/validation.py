@@ -26,7 +26,6 @@ from itertools import takewhile
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.reachability.grid import whole
@@ -48,7 +47,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import AnyArray, Array, Truths
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.outcomes import Outcome
@@ -311,14 +310,14 @@ class Runs:
     run, by how much it leaves the region, or of a basin misses the goal or leaves it before.
     """
 
-    kept: npt.NDArray[np.bool_]
-    off_grid: npt.NDArray[np.bool_]
+    kept: Truths
+    off_grid: Truths
     near: Array
     time: Array
-    outcome: npt.NDArray[Any]
+    outcome: AnyArray
     worst: Array
     missed: Array
-    relaxed: npt.NDArray[np.bool_]
+    relaxed: Truths
 
     @property
     def excursion(self) -> float:
@@ -639,7 +638,7 @@ class _Attack:
         else:
             states = data["state"].values
             flat = states.reshape(-1, states.shape[2])
-            finite = np.isfinite(flat).all(axis=1)  # the record of a diverged run ends there
+            finite: Truths = np.all(np.isfinite(flat), axis=1)  # where a run diverged
             points = np.where(finite[:, None], flat, 0.0)
 
             def levels_of(region: Region) -> Any:

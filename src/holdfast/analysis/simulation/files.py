@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.execution.arrays import AnyArray
 from holdfast.execution.resources import check_memory
 from holdfast.host.files import atomic_file, check_file, undisturbed
 
@@ -26,7 +27,7 @@ class NamedArray:
     """An array, the names of its axes, and what it means (units, long_name)."""
 
     dims: tuple[str, ...]
-    values: npt.NDArray[Any]
+    values: AnyArray
     attrs: Mapping[str, Any]
 
 

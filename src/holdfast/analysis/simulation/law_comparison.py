@@ -13,12 +13,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import AnyArray, Array, Truths, Wholes
 from holdfast.execution.simulation.outcomes import Outcome
 
 CONFIDENCE = 0.95
@@ -57,11 +56,11 @@ class Trial:
 
     law: str
     case: str
-    viable: npt.NDArray[np.bool_]
-    rescued: npt.NDArray[np.bool_]
+    viable: Truths
+    rescued: Truths
     length: Array
     in_goal_since: Array
-    switches: npt.NDArray[np.int64]
+    switches: Wholes
     chattered: int
     diverged: int
     relaxed: int
@@ -114,12 +113,12 @@ class Reference:
     horizon: float
 
     @property
-    def inside(self) -> npt.NDArray[np.bool_]:
+    def inside(self) -> Truths:
         """Starts with V > margin, which some input keeps."""
         return self.value > self.margin
 
     @property
-    def given_up(self) -> npt.NDArray[np.bool_]:
+    def given_up(self) -> Truths:
         """Starts with V < -margin, which no input keeps according to the kernel."""
         return self.value < -self.margin
 
@@ -182,7 +181,7 @@ class Comparison:
         """The share of the starts outside the kernel that stayed in the region nevertheless."""
         return self._among(self.of(law, case).viable, case, "given_up")
 
-    def _among(self, good: npt.NDArray[np.bool_], case: str, which: str) -> Rate | None:
+    def _among(self, good: Truths, case: str, which: str) -> Rate | None:
         if case not in self.references:
             return None
         chosen = getattr(self.references[case], which)
@@ -236,7 +235,7 @@ class Comparison:
         }
 
 
-def _spread(values: Sequence[float] | npt.NDArray[Any]) -> dict[str, float | None]:
+def _spread(values: Sequence[float] | AnyArray) -> dict[str, float | None]:
     numbers = np.asarray(values, dtype=float)
     if not len(numbers):
         return {"median": None, "worst": None}

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.simulation.files import NamedArrays, write_arrays, write_netcdf
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Truths
 from holdfast.execution.simulation.outcomes import Outcome
 
 if TYPE_CHECKING:
@@ -221,9 +221,7 @@ class Result:
         return write_netcdf(stored, path)
 
 
-def _largest(
-    data: NamedArrays, name: str, runs: npt.NDArray[np.bool_] | None = None
-) -> dict[str, float | None]:
+def _largest(data: NamedArrays, name: str, runs: Truths | None = None) -> dict[str, float | None]:
     """The largest value over the runs, by the name of its column; None if there is none."""
     variable = data[name]
     values = variable.values if runs is None else variable.values[runs]

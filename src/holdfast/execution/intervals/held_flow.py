@@ -34,11 +34,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.intervals.enclosure import (
     FITS,
@@ -70,7 +69,6 @@ SLACK = 1e-12
 of the law's inputs, and of the states when an input arrives, is that of an enclosure, of which the
 checker has its own."""
 
-Truths = npt.NDArray[np.bool_]
 Known = dict[str, Interval]
 
 

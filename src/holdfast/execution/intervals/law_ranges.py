@@ -38,11 +38,10 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from holdfast.execution.arithmetic.steps import Steps, Value, choose
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import Array, Wholes
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.intervals.enclosure import (
     Enclosure,
@@ -317,10 +316,10 @@ class Given:
     low, high: shape (rows, inputs).
     """
 
-    row: npt.NDArray[np.int64]
+    row: Wholes
     low: Array
     high: Array
-    to: npt.NDArray[np.int64]
+    to: Wholes
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from holdfast.errors import HoldfastError, SimulationError
+from holdfast.execution.arrays import Wholes
 from holdfast.interop.logs.table import Column, Recording, with_unit
 from holdfast.interop.ros_messages import ODOMETRY, Interface, heading_of
 from holdfast.maths.definitions.system import System
@@ -33,7 +33,6 @@ APART = 1.0
 """Seconds between the clock of headers and that of the log that no delay explains."""
 
 _LAST = (1 << 63) - 1
-Integers = npt.NDArray[np.int64]
 Read = tuple[int, Any]
 """The log's time [ns] and a message."""
 
@@ -85,7 +84,7 @@ class Messages(Recording):
         time, note = self._times(rows)
         return Column((time - self._origin).astype(np.float64) * NANO, value, unit, note)
 
-    def _times(self, rows: list[Read]) -> tuple[Integers, tuple[str, ...]]:
+    def _times(self, rows: list[Read]) -> tuple[Wholes, tuple[str, ...]]:
         """The times of messages [ns] and what was assumed of them."""
         when = np.array([t for t, _ in rows], dtype=np.int64)
         stamps = np.array([_stamp(message) for _, message in rows], dtype=np.int64)
@@ -100,12 +99,12 @@ class Messages(Recording):
             return stamps, ()
         return moved, (f"times are those of the log, brought to the clock of {topic}",)
 
-    def _other_clock(self) -> tuple[str, Integers, Integers] | None:
+    def _other_clock(self) -> tuple[str, Wholes, Wholes] | None:
         """The topic with the most headers of another clock than the log's, and its two times.
 
         None if the headers of a topic have the clock of the log: another topic is then the odd one.
         """
-        longest: tuple[str, Integers, Integers] | None = None
+        longest: tuple[str, Wholes, Wholes] | None = None
         for topic, (_, rows) in self._topics.items():
             stamps = np.array([_stamp(message) for _, message in rows], dtype=np.int64)
             when = np.array([t for t, _ in rows], dtype=np.int64)
@@ -254,7 +253,7 @@ def _stamp(message: Any) -> int:
     return 0
 
 
-def _apart(stamps: Integers, when: Integers) -> float:
+def _apart(stamps: Wholes, when: Wholes) -> float:
     """Seconds between two clocks, the usual."""
     return abs(float(np.median((stamps - when).astype(np.float64)))) * NANO
 

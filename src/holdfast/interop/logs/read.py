@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from holdfast.analysis.identification.log import Floats, Log, Signal, period
+from holdfast.analysis.identification.log import Log, Signal, period
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, SimulationError, suggestion
+from holdfast.execution.arrays import Array
 from holdfast.interop.logs.table import Column, Recording
 from holdfast.maths.definitions.extension import actuator_units
 from holdfast.maths.definitions.quantity import UnitError, convert
@@ -110,7 +111,7 @@ def repaired(
     return Signal(time, value), notes
 
 
-def _check_clock(name: str, time: Floats) -> None:
+def _check_clock(name: str, time: Array) -> None:
     """Refuse a clock that went back and on from there: sorted, two motions would be mixed."""
     before = np.maximum.accumulate(time)[:-1]
     follows = (time[1:] < before) & (np.diff(time) > 0)
@@ -126,7 +127,7 @@ def _check_clock(name: str, time: Floats) -> None:
     )
 
 
-def _in_order(name: str, time: Floats, value: Floats, notes: list[str]) -> tuple[Floats, Floats]:
+def _in_order(name: str, time: Array, value: Array, notes: list[str]) -> tuple[Array, Array]:
     back = int((np.diff(time) < 0).sum())
     if back:
         notes.append(f"{name}: time goes back {back} times, sorted")
@@ -138,7 +139,7 @@ def _in_order(name: str, time: Floats, value: Floats, notes: list[str]) -> tuple
     return time[fresh], value[fresh]
 
 
-def _check_degrees(name: str, value: Floats) -> None:
+def _check_degrees(name: str, value: Array) -> None:
     """An angle that jumps by about 360 is not in radians."""
     jumps = np.abs(np.diff(value))
     if ((jumps > 350) & (jumps < 370)).any():
@@ -147,7 +148,7 @@ def _check_degrees(name: str, value: Floats) -> None:
         )
 
 
-def _say_degrees(name: str, value: Floats, notes: list[str]) -> None:
+def _say_degrees(name: str, value: Array, notes: list[str]) -> None:
     """Question an angle beyond a turn that never jumps by one: continuous radians, or degrees."""
     largest = float(np.abs(value).max())
     if largest > 7.0 and not (np.abs(np.diff(value)) > 5.5).any():
@@ -158,8 +159,8 @@ def _say_degrees(name: str, value: Floats, notes: list[str]) -> None:
 
 
 def _without_spikes(
-    name: str, time: Floats, value: Floats, notes: list[str], *, angle: bool
-) -> tuple[Floats, Floats]:
+    name: str, time: Array, value: Array, notes: list[str], *, angle: bool
+) -> tuple[Array, Array]:
     """Without single values far from the line between their neighbours (a Hampel filter of it).
 
     The neighbours are nearer to each other than to the value, unlike at a step, and move less among
@@ -168,7 +169,7 @@ def _without_spikes(
     if len(value) < 2 * AROUND + 3:
         return time, value
 
-    def least(d: Floats) -> Floats:
+    def least(d: Array) -> Array:
         return d - 2 * math.pi * np.round(d / (2 * math.pi)) if angle else d
 
     moves = least(np.diff(value))
@@ -198,9 +199,7 @@ def _without_spikes(
     return time[good], value[good]
 
 
-def _without_repeats(
-    name: str, time: Floats, value: Floats, notes: list[str]
-) -> tuple[Floats, Floats]:
+def _without_repeats(name: str, time: Array, value: Array, notes: list[str]) -> tuple[Array, Array]:
     """The first of equal values of a sensor that is slower than its log, each held as long."""
     starts = np.concatenate([[0], np.flatnonzero(np.diff(value) != 0) + 1])
     runs = np.diff(starts)
@@ -213,7 +212,7 @@ def _without_repeats(
     return time[starts], value[starts]
 
 
-def _say_stuck(name: str, time: Floats, value: Floats, notes: list[str], measured: bool) -> None:
+def _say_stuck(name: str, time: Array, value: Array, notes: list[str], measured: bool) -> None:
     """Say where a measured signal does not change for long, though it does elsewhere."""
     if not measured or len(value) < 2:
         return

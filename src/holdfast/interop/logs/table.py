@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.arrays import Array
 from holdfast.host.files import check_file
 from holdfast.maths.definitions.quantity import UnitError, convert
 
-Floats = npt.NDArray[np.float64]
 _UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*\Z")
 
 
@@ -32,8 +31,8 @@ class Column:
     `value` are NaN because they are not numbers; the others are NaN because nothing is there.
     """
 
-    time: Floats
-    value: Floats
+    time: Array
+    value: Array
     unit: str
     faults: tuple[str, ...] = ()
     unreadable: int = 0
@@ -189,13 +188,13 @@ def _read(path: Path) -> tuple[Any, str]:
     return frame, f"{left} lines with another number of columns left out" if left > 0 else ""
 
 
-def _numbers(series: Any) -> tuple[Floats, int]:
+def _numbers(series: Any) -> tuple[Array, int]:
     """The numbers of a column, and how many entries are none. An empty place is no fault."""
     value = pd.to_numeric(series, errors="coerce")
     return np.asarray(value, dtype=np.float64), int((value.isna() & series.notna()).sum())
 
 
-def _times(series: Any, name: str, unit: str, file: str) -> tuple[Floats, str]:
+def _times(series: Any, name: str, unit: str, file: str) -> tuple[Array, str]:
     """The times [s] from the first one on, and what was assumed of their unit.
 
     unit: as the user says it, "" where the header does, or nothing.

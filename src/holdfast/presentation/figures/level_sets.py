@@ -7,7 +7,6 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -20,7 +19,7 @@ from matplotlib.ticker import MaxNLocator
 
 from holdfast.analysis.reachability.grid import Axis
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import AnyArray, Array
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.style import BLACK, BLUE, GREEN, PURPLE, RED
 
@@ -47,7 +46,7 @@ def nodes(axis: Axis) -> Array:
     return np.append(axis.nodes, axis.high) if axis.ends == "periodic" else axis.nodes
 
 
-def closed(value: ValueFunction, values: npt.NDArray[Any]) -> Array:
+def closed(value: ValueFunction, values: AnyArray) -> Array:
     """An array over the grid of a value function; periodic axes are closed."""
     table: Array = np.asarray(values, dtype=np.float64)
     for k, axis in enumerate(value.grid.axes):
@@ -62,7 +61,7 @@ def mesh(value: ValueFunction, plane: tuple[str, str]) -> tuple[Array, Array]:
     return nodes(axes[plane[0]]), nodes(axes[plane[1]])
 
 
-def on_mesh(value: ValueFunction, plane: tuple[str, str], values: npt.NDArray[Any]) -> Array:
+def on_mesh(value: ValueFunction, plane: tuple[str, str], values: AnyArray) -> Array:
     """An array over the grid of a value function of two states, as (second, first) of the plane."""
     table = closed(value, values)
     return table.T if value.names == tuple(plane) else table
@@ -133,7 +132,7 @@ def draw_values(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> Con
 
 
 def draw_arrival(
-    axis: Axes, value: ValueFunction, plane: tuple[str, str], arrival: npt.NDArray[Any]
+    axis: Axes, value: ValueFunction, plane: tuple[str, str], arrival: AnyArray
 ) -> ContourSet | None:
     """The least times as colours, and the edge of the set; None if nothing is reached."""
     x, y = mesh(value, plane)

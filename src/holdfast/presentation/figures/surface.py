@@ -7,7 +7,6 @@ from itertools import permutations
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -117,7 +116,7 @@ def brightness(faces: Array, span: Array) -> Array:
     return shade
 
 
-def zero_surface(nodes: list[Array], values: npt.NDArray[np.float64]) -> Array:
+def zero_surface(nodes: list[Array], values: Array) -> Array:
     """Triangles of shape (count, 3 corners, 3 states) around { V > 0 }, cut flat at the grid's end.
 
     Marching tetrahedra: every cell is split into six about its diagonal. In each V is linear, and

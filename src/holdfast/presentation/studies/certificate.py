@@ -13,7 +13,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from holdfast.analysis.certificates.cells import Cells, Floats
+from holdfast.analysis.certificates.cells import Cells
 from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.flowpipe import Flowpipe
 from holdfast.analysis.certificates.largest import Advice, LargestCertified
@@ -21,6 +21,7 @@ from holdfast.analysis.certificates.law_keeps import LawJudgement
 from holdfast.analysis.certificates.outer_set import OuterSet
 from holdfast.analysis.reachability.solve import Answer
 from holdfast.arguments import checked
+from holdfast.execution.arrays import Array
 from holdfast.presentation.figures import style
 
 
@@ -82,7 +83,7 @@ def outer_figure(outer: OuterSet) -> Figure:
 
 
 def _cells_figure(
-    cells: Cells, states: Sequence[tuple[str, str]], marks: Floats, says: dict[int, str]
+    cells: Cells, states: Sequence[tuple[str, str]], marks: Array, says: dict[int, str]
 ) -> Figure:
     """marks: 2 where a cell is blue, 1 where it is grey. states: with their units."""
     middle = tuple(n // 2 for n in cells.counts[2:])
@@ -110,7 +111,7 @@ def _cells_figure(
     return figure
 
 
-def _shown(edges: Floats) -> tuple[float, float]:
+def _shown(edges: Array) -> tuple[float, float]:
     """The range of a state that is drawn: without ends that go on far beyond a grid."""
     wide = np.diff(edges)
     far = wide > 100 * np.median(wide)
