@@ -147,7 +147,8 @@ class ContingentCone:
 
 
 def generators(normals: Array) -> tuple[Array, Array]:
-    """Rays and lines of { v : normals v <= 0 }, each of length 1."""
+    """Rays and lines of { v : normals v <= 0 }, each of length 1: normals (rows, inputs), rays and
+    lines (count, inputs)."""
     n = normals.shape[1]
     if not len(normals):
         return np.zeros((0, n)), np.eye(n)
@@ -194,14 +195,15 @@ class RegulationMap:
         return bool(self.hopeless) or self.least_violation()[1] > 1e-9
 
     def contains(self, u: Sequence[float] | AnyArray, slack: float = 1e-9) -> bool:
-        """Whether the input is admissible and keeps the state inside."""
+        """Whether the input is admissible and keeps the state inside: u has the shape (inputs,)."""
         point = np.asarray(u, dtype=np.float64)
         if point.shape != (len(self.inputs),) or not np.isfinite(point).all():
             raise SimulationError(f"the input is {u!r}", expected=f"{len(self.inputs)} numbers")
         return not self.hopeless and bool((self.normals @ point <= self.offsets + slack).all())
 
     def least_violation(self) -> tuple[Array, float]:
-        """The input in U whose worst outward rate is least, and that rate (below 0: inward).
+        """The input in U whose worst outward rate is least, and that rate (below 0: inward); the
+        input has the shape (inputs,).
 
         A rate is d^k c / dt^k in the constraint's own unit; where no condition is active it is
         minus infinity. Raises `SimulationError` where the bounds admit no input.
@@ -280,7 +282,8 @@ class RegulationMap:
 
 
 def input_half_spaces(system: System, values: Mapping[Any, float]) -> tuple[Array, Array]:
-    """The bounds of the inputs as normals u <= offsets; an unbounded input has no row."""
+    """The bounds of the inputs as normals u <= offsets; an unbounded input has no row: shapes
+    (rows, inputs) and (rows,)."""
     m = len(system.inputs)
     if system.input_bounds is None:
         return np.zeros((0, m)), np.zeros(0)
@@ -627,7 +630,8 @@ class ViabilityCheck:
 
     @property
     def worst(self) -> tuple[Array, float, tuple[str, ...]]:
-        """The state of the least margin, that margin, and the active inequalities."""
+        """The state of the least margin, that margin, and the active inequalities: the state has
+        the shape (states,)."""
         index = int(np.argmin(self.margins))
         return self.states[index], float(self.margins[index]), self.active[index]
 

@@ -8,7 +8,22 @@ condition has corners where W has ridges, and only what has been looked up count
 input, then the answers of quadratic programs with the slopes of W where the last one leads
 (cutting planes), then given points of the bounds and what lies between them and the wanted input.
 These are scalar functions (`codegen/scalar_reader.py`): the closed loop, exported laws and
-Python run the same text.
+Python run the same text. All arrays have one dimension; m is the number of inputs:
+
+    values                                 (nodes,)            of W, the last axis is the fastest
+    q, low, steps, shape, periodic, slope  (axes,)             in the units of the axes
+    wanted, scales, u, result              (m,)                result: (m + 1,) of `keep_foreseen`
+    constraints                            (most * (m + 1),)   of each the normal, then the offset
+    points                                 (inputs * m,)       one input after the other
+    motion                                 (numbers_of_motion,) base, gains, curves and moves
+    motions, levels                        (number * wide,)    levels: (number,)
+    out                                    (number * (m + 1),) of each the input and the shortfall
+    ends                                   (levels,)           where each level of conditions ends
+    room                                   (numbers_of_search,)
+    whole                                  (2 * axes,)         the nodes below, and those above
+    own, counts                            (numbers of `keep_within`,)
+
+With a plane for each move and cut, a program has most + CUTS * moves rows of m + 1 numbers.
 """
 
 from __future__ import annotations

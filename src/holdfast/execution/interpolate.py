@@ -2,7 +2,16 @@
 
 These are scalar functions (`codegen/scalar_reader.py`): the closed loop, exported laws and
 Python run the same text. A grid has `axes` axes: its lowest nodes, its steps, its shape, and
-whether an axis is periodic.
+whether an axis is periodic. All arrays have one dimension:
+
+    values                                  (nodes,)           the last axis is the fastest
+    q, place, low, steps, shape, periodic   (axes,)            in the units of the axes
+    points                                  (number * axes,)   one point after the other
+    out                                     (results,)         a value, slopes, or nodes, by point
+    room                                    (3 * axes,)        shares between nodes; two places
+    whole                                   (2 * axes,)        the nodes below, and those above
+
+A corner of a cell is a number of `axes` bits: bit i says whether it is above along axis i.
 """
 
 from __future__ import annotations

@@ -5,7 +5,16 @@ do that of `interpolate.py`. Cells lie between two of the edges along each axis,
 numbers are the edges of every axis in turn, then the rows that cells refer to, `rows` rows of
 `found` - 1 numbers, then how long a cell lasts. An entry is the row of a cell; of one that is not
 known it is the row that stands in for it, plus `rows`. Where a cell lasts a finite time its count
-stands behind the entries, and the time is that of one.
+stands behind the entries, and the time is that of one. All arrays have one dimension:
+
+    entries           (cells + cells,)    the second half only where a cell lasts a finite time
+    place             (axes,)             in the units of the axes
+    points            (number * axes,)    one point after the other
+    numbers           (edges + rows * (found - 1) + 1,)
+    edges             (count + 1,)        of one axis
+    shape, periodic   (axes,)             cells along each axis; whether it is periodic
+    out               (number * found,)   of each how long its cell lasts, and its row
+    whole             (2 * axes,)         of a place the cell below, and that on an edge or -1
 """
 
 from __future__ import annotations

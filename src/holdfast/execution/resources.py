@@ -30,10 +30,10 @@ class Room(Protocol):
         """Whether they are in files."""
 
     def empty(self, count: int, kind: npt.DTypeLike) -> AnyArray:
-        """So many values of a kind."""
+        """So many values of a kind, shape (count,)."""
 
     def copy(self, values: AnyArray) -> AnyArray:
-        """The same values in another array."""
+        """The same values in another array, shape (count,)."""
 
 
 class Memory:
@@ -42,9 +42,11 @@ class Memory:
     on_disk = False
 
     def empty(self, count: int, kind: npt.DTypeLike) -> AnyArray:
+        """So many values of a kind, shape (count,)."""
         return np.empty(count, dtype=kind)
 
     def copy(self, values: AnyArray) -> AnyArray:
+        """The same values in another array of the same shape."""
         return values.copy()
 
 
@@ -58,7 +60,10 @@ class Disk:
 
     def empty(self, count: int, kind: npt.DTypeLike) -> AnyArray:
         """The file takes its room at once: a disk that is full is met here, and not in the midst of
-        a march, where it would end the process."""
+        a march, where it would end the process.
+
+        The shape is (count,).
+        """
         size = count * np.dtype(kind).itemsize
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -69,6 +74,7 @@ class Disk:
             raise self._refusal(error, size) from None
 
     def copy(self, values: AnyArray) -> AnyArray:
+        """The same values in a file of their own, shape (count,)."""
         copied = self.empty(len(values), values.dtype)
         copied[:] = values
         return copied
@@ -132,6 +138,8 @@ def run_threads(
     total: int,
     progress: Progress | None,
 ) -> None:
+    """The work of every part of `bounds` by threads, until `stop` is set; counters and stop: shape
+    (1,)."""
     with ThreadPoolExecutor(threads) as pool:
         jobs = {pool.submit(work, a, b, c) for (a, b), c in zip(bounds, counters, strict=True)}
         try:

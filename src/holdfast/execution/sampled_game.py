@@ -7,7 +7,19 @@ sample the state is, with the numbers of a node,
 
     base_i + sum_j (gain_ij + sum_(k >= j) curve_ijk u_k) u_j + move_ri   for the disturbance r
 
-These are scalar functions (`codegen/scalar_reader.py`).
+These are scalar functions (`codegen/scalar_reader.py`). All arrays have one dimension; m is the
+number of inputs:
+
+    values, flags, chosen           (nodes,)         the last axis is the fastest
+    q, low, steps, shape            (axes,)          in the units of the axes
+    ends, reach                     (axes,)
+    u                               (m,)
+    motion                          (wide,)          base, gains, curves and moves of a node
+    motions                         (count * wide,)  one node after the other
+    points                          (inputs * m,)    one input after the other
+    out                             (axes,)
+    room                            (6 * axes,)      three places of `others`, base, and a place
+    whole                           (4 * axes + 1,)  nodes below and above, turns; then a count
 """
 
 from __future__ import annotations

@@ -44,9 +44,14 @@ class Source(Protocol):
     def dtype(self) -> np.dtype[Any]: ...
     @property
     def room(self) -> int: ...
-    def take(self, nodes: Wholes) -> AnyArray: ...
-    def all(self) -> AnyArray: ...
-    def in_turn(self) -> Iterator[AnyArray]: ...
+    def take(self, nodes: Wholes) -> AnyArray:
+        """The numbers at places of the table, both of the shape (nodes,)."""
+
+    def all(self) -> AnyArray:
+        """All numbers, shape (numbers,)."""
+
+    def in_turn(self) -> Iterator[AnyArray]:
+        """All numbers in turn, each array of the shape (some numbers,)."""
 
 
 class TableInParts:
@@ -76,7 +81,10 @@ class TableInParts:
         return self.source.size * self.dtype.itemsize
 
     def whole(self) -> AnyArray:
-        """All numbers in memory; `SimulationError` where they do not fit."""
+        """All numbers in memory; `SimulationError` where they do not fit.
+
+        Their shape is (numbers,).
+        """
         with self._loading:
             if self._whole is None:
                 check_memory(
@@ -88,11 +96,17 @@ class TableInParts:
             return self._whole
 
     def values_at(self, points: Array, grid: tuple[AnyArray, ...]) -> Array:
-        """`look_up.values_at`, of which it fetches what it needs."""
+        """`look_up.values_at`, of which it fetches what it needs.
+
+        points: shape (count, axes). The values have the shape (count,).
+        """
         return self._found("interpolate_many", points, grid, sloped=False)
 
     def slopes_at(self, points: Array, grid: tuple[AnyArray, ...]) -> Array:
-        """`look_up.slopes_at`, of which it fetches what it needs."""
+        """`look_up.slopes_at`, of which it fetches what it needs.
+
+        points: shape (count, axes), as the slopes.
+        """
         return self._found("slopes_many", points, grid, sloped=True)
 
     def fetch(self, points: Array, grid: tuple[AnyArray, ...], *, sloped: bool) -> None:
@@ -118,7 +132,10 @@ class TableInParts:
             self._pages += int(np.count_nonzero(np.diff(missing * size // PAGE))) + 1
 
     def fetch_looked_up(self, points: Array, grid: tuple[AnyArray, ...]) -> None:
-        """`fetch` of what a law looks up: the value and the slopes at the nearest places."""
+        """`fetch` of what a law looks up: the value and the slopes at the nearest places.
+
+        points: shape (count, axes). grid: four arrays of the shape (axes,).
+        """
         low, steps, shape, periodic = grid
         ends = low + steps * (np.asarray(shape) - 1)
         nearest = np.minimum(np.maximum(points, low), ends)
@@ -156,12 +173,12 @@ class TableInParts:
 
 
 def in_memory(values: AnyArray | TableInParts) -> AnyArray:
-    """The numbers of a table, all of them in memory."""
+    """The numbers of a table, all of them in memory, shape (numbers,)."""
     return values.whole() if isinstance(values, TableInParts) else values
 
 
 def in_turn(values: AnyArray | TableInParts) -> Iterator[AnyArray]:
-    """The numbers of a table in rows, one after the other."""
+    """The numbers of a table in rows, one after the other, each of the shape (some numbers,)."""
     if isinstance(values, TableInParts):
         yield from values.source.in_turn()
     else:
@@ -169,7 +186,7 @@ def in_turn(values: AnyArray | TableInParts) -> Iterator[AnyArray]:
 
 
 def read_at(values: AnyArray | TableInParts) -> int:
-    """The address at which compiled code reads a table."""
+    """The address at which compiled code reads a table of the shape (numbers,)."""
     array = values.array if isinstance(values, TableInParts) else values
     return array.ctypes.data
 
@@ -178,6 +195,8 @@ def for_look_ups(values: AnyArray | TableInParts, count: int) -> AnyArray | Tabl
     """All numbers of a table, where they fit and reading them takes less time than fetching.
 
     count: of the times that something is fetched.
+
+    The shape is (numbers,).
     """
     if not isinstance(values, TableInParts):
         return values

@@ -224,7 +224,7 @@ class ServoOutputs:
         self.last = max(servo.channel for servo in self.servos.values())
 
     def inputs(self, pwm: Sequence[int]) -> Array:
-        """The system's inputs for the pulses [us] of the channels."""
+        """The system's inputs for the pulses [us] of the channels, shape (inputs,)."""
         values = [servo.value(pwm[servo.channel - 1]) for servo in self.servos.values()]
         return self.numeric.inputs(np.array(values))
 
@@ -374,7 +374,7 @@ class Physics:
 
     @property
     def state(self) -> Array:
-        """The states now."""
+        """The states now, shape (states,)."""
         return self._state.copy()
 
     def _reset(self) -> None:

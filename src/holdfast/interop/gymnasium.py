@@ -76,7 +76,7 @@ class Environment(gymnasium.Env[Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """A new random start in the region."""
+        """A new random start in the region, shape (states,)."""
         super().reset(seed=seed)
         for _ in range(DRAWS):
             start = self.np_random.uniform(self.ends[:, 0], self.ends[:, 1])
@@ -86,7 +86,10 @@ class Environment(gymnasium.Env[Array, Array]):
         raise DefinitionError(f"none of {DRAWS} starts from the box is in the region")
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """The state after one sample of the action, the reward, and whether the episode is over."""
+        """The state after one sample of the action, the reward, and whether the episode is over.
+
+        action: shape (actuators,), each from -1 to 1. The state has the shape (states,).
+        """
         share = (np.clip(action, -1.0, 1.0) + 1.0) / 2.0
         held = self.low + share * (self.high - self.low)
         h, left = self.sample_time / self.substeps, False
@@ -102,13 +105,13 @@ class Environment(gymnasium.Env[Array, Array]):
         return self.state.copy(), reward, left or arrived, over, self._info()
 
     def command(self, action: Array) -> Array:
-        """The inputs of the system that an action produces."""
+        """The inputs of the system that an action produces: shapes (inputs,) and (actuators,)."""
         share = (np.clip(action, -1.0, 1.0) + 1.0) / 2.0
         held = self.low + share * (self.high - self.low)
         return self.numeric.inputs(held)
 
     def action(self, decision: Decision) -> Array:
-        """The action that applies a decision."""
+        """The action that applies a decision, shape (actuators,)."""
         wide = self.high - self.low
         scaled: Array = 2.0 * (decision.actuators - self.low) / wide - 1.0
         return scaled

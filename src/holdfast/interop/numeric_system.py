@@ -45,7 +45,10 @@ class Numeric:
         return Evaluator(rates, moving, s.parameters)
 
     def rates(self, row: Array, parameters: Mapping[str, float] | None = None) -> Array:
-        """The rates at one row of states, actuators, disturbances and t."""
+        """The rates at one row of states, actuators, disturbances and t.
+
+        row: shape (states + actuators + disturbances + 1,). The rates have the shape (states,).
+        """
         derivative: Array = self._rates.values(row[np.newaxis], parameters)[0]
         return derivative
 
@@ -56,12 +59,15 @@ class Numeric:
         return Evaluator([sp.sympify(e) for e in made], a, self.system.parameters)
 
     def inputs(self, actuators: Array) -> Array:
-        """The inputs that the actuators produce."""
+        """The inputs that the actuators produce: shapes (actuators,) and (inputs,)."""
         produced: Array = self._inputs.values(actuators[np.newaxis])[0]
         return produced
 
     def limits(self) -> tuple[Array, Array]:
-        """The least and the largest of every actuator; `DefinitionError` for other bounds."""
+        """The least and the largest of every actuator; `DefinitionError` for other bounds.
+
+        Both have the shape (actuators,).
+        """
         bounds = self.system.actuator_bounds
         if not isinstance(bounds, Box):
             raise DefinitionError(

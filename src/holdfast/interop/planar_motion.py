@@ -112,6 +112,8 @@ class PlanarMotion:
         """The motion at a state, with the input that is held and the disturbances.
 
         jump [m/s^2]: added to the acceleration along x and y.
+
+        state: shape (states,). input: shape (inputs,). pushed: shape (disturbances,).
         """
         row = np.concatenate([state, input, pushed])[np.newaxis]
         vx, vy, turn, ax, ay = self._moving.values(row)[0].tolist()
@@ -131,7 +133,10 @@ class PlanarMotion:
         )
 
     def speed(self, state: Array, input: Array, pushed: Array) -> tuple[float, float]:
-        """The velocity along x and y [m/s]."""
+        """The velocity along x and y [m/s].
+
+        state: shape (states,). input: shape (inputs,). pushed: shape (disturbances,).
+        """
         row = np.concatenate([state, input, pushed])[np.newaxis]
         velocity = self._moving.values(row)[0]
         return float(velocity[0]), float(velocity[1])

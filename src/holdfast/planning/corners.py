@@ -261,10 +261,12 @@ class Convoy:
 
 
 def unit(angle: Array) -> Array:
+    """The unit vectors (..., 2) of angles (...,)."""
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def wrapped(angle: Array) -> Array:
+    """Angles (...,) within -pi and pi."""
     within: Array = np.remainder(angle + np.pi, 2 * np.pi) - np.pi
     return within
 

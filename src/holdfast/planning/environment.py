@@ -41,7 +41,7 @@ Point = tuple[float, float]
 
 
 def shown(point: Sequence[float] | Array) -> str:
-    """A point as text for messages."""
+    """A point as text for messages, of the shape (2,)."""
     x, y = (round(float(v), 3) + 0.0 for v in point)  # no -0
     return f"({x:g}, {y:g})"
 
@@ -67,7 +67,7 @@ class Cell:
         return shapely.Polygon(self.corners)
 
     def side(self, number: int) -> tuple[Array, Array]:
-        """The ends of a face."""
+        """The ends of a face, each of the shape (2,)."""
         ends = np.array([self.corners[number], self.corners[(number + 1) % len(self.corners)]])
         return ends[0], ends[1]
 
@@ -78,7 +78,7 @@ class Cell:
         return normals, np.array([f.offset for f in self.faces], dtype=float) + CLOSE
 
     def contains(self, point: Sequence[float] | Array) -> bool:
-        """Whether a point is in the cell or on its border."""
+        """Whether a point is in the cell or on its border: shape (2,)."""
         normals, offsets = self._planes
         return bool((normals @ np.asarray(point, dtype=float) <= offsets).all())
 
@@ -134,7 +134,10 @@ class Environment:
         return inner, border
 
     def room(self, places: Array) -> Array:
-        """The clearance of robots at places (..., 2) to the walls; negative inside a wall."""
+        """The clearance of robots at places (..., 2) to the walls; negative inside a wall.
+
+        The clearances have the shape (...,) in m.
+        """
         inner, border = self._roomy
         x, y = places[..., 0], places[..., 1]
         gap = shapely.distance(shapely.points(x, y), border)

@@ -70,7 +70,7 @@ class Judge:
         return value.report.cell if self.margin is None else self.margin
 
     def reference(self, value: ValueFunction, starts: Array) -> Reference:
-        """The kernel's values at the starts."""
+        """The kernel's values at the starts, whose shape is (starts, states)."""
         report = value.report
         return Reference(
             kernel=scenario_title(self.name),

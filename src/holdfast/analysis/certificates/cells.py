@@ -56,6 +56,9 @@ class Cells:
         """The first and last cells along each axis that boxes touch, and whether they stay inside.
 
         Along a periodic axis numbers go on beyond the last cell, up to one turn.
+
+        low, high: boxes, shape (boxes, states). The cells have that shape too, whether they stay
+        inside (boxes,).
         """
         firsts, lasts, inside = [], [], np.ones(len(low), dtype=bool)
         for k, (edges, periodic) in enumerate(zip(self.edges, self.periodic, strict=True)):
@@ -114,7 +117,7 @@ class Halvings:
         return Cells(tuple(e[::step] for e in self.finest.edges), self.finest.periodic)
 
     def numbers(self, flat: Wholes, depth: int) -> Wholes:
-        """Of the cells that have these numbers in the grid of their depth."""
+        """Of the cells that have these numbers in the grid of their depth, shape (cells,)."""
         doubled = self.depth - depth
         places = np.unravel_index(flat, self.grid(depth).counts)
         first = np.ravel_multi_index([p << doubled for p in places], self.finest.counts)
@@ -122,7 +125,7 @@ class Halvings:
         return ids
 
     def has(self, numbers: Wholes) -> bool:
-        """Whether all are numbers of cells."""
+        """Whether all are numbers of cells: numbers (cells,)."""
         doubled, first = np.divmod(numbers, self.finest.total)
         if not ((doubled >= 0) & (doubled <= self.depth)).all():
             return False
@@ -130,7 +133,8 @@ class Halvings:
                    for p in np.unravel_index(first, self.finest.counts))  # fmt: skip
 
     def spread(self, numbers: Wholes) -> tuple[Wholes, Wholes]:
-        """The finest cells in cells, and for each of them the row of `numbers` that it is of."""
+        """The finest cells in cells, and for each of them the row of `numbers` that it is of:
+        numbers (cells,), both results (finest cells,)."""
         rows, finest = [], []
         doubled, first = np.divmod(numbers, self.finest.total)
         axes = len(self.finest.counts)
@@ -147,6 +151,7 @@ class Counted:
     """How many of a set of cells lie in a block, by sums over all smaller places."""
 
     def __init__(self, cells: Cells, members: Truths) -> None:
+        """members: whether each cell is one, shape (cells,)."""
         grid = members.reshape(cells.counts)
         for axis, periodic in enumerate(cells.periodic):
             if periodic:  # blocks may go on beyond the last cell
@@ -159,7 +164,8 @@ class Counted:
         self._flat = self._sums.reshape(-1)
 
     def all_of(self, first: Wholes, last: Wholes) -> Truths:
-        """Whether every cell of each block is a member."""
+        """Whether every cell of each block is a member: first and last (blocks, states), the
+        answers (blocks,)."""
         axes = first.shape[1]
         total = np.zeros(len(first), dtype=np.int64)
         for corner in range(2**axes):
@@ -200,7 +206,10 @@ class Kept:
         halvings: Halvings, entries: Wholes, holds: int | None, sweeps: int, region: Wholes,
         *, target: bool = False,
     ) -> Kept:  # fmt: skip
-        """Members are the cells of the entries that last longest; with a target, of all entries."""
+        """Members are the cells of the entries that last longest; with a target, of all entries.
+
+        entries: rows of cell, input and level, shape (entries, 3). region: cells, shape (cells,).
+        """
         final = entries if target else entries[entries[:, 2] == (holds or 0)]
         members, rows = halvings.spread(final[:, 0])
         order = np.argsort(members, kind="stable")
@@ -221,6 +230,6 @@ class Kept:
         return len(self.members) / self.inside if self.inside else 0.0
 
     def spread(self) -> Wholes:
-        """The entries, for each of the smallest cells that theirs are made of."""
+        """The entries, for each of the smallest cells that theirs are made of, shape (cells, 3)."""
         cell, rows = Halvings(self.cells, self.depth).spread(self.entries[:, 0])
         return np.concatenate([cell[:, None], self.entries[rows, 1:]], axis=1)

@@ -373,6 +373,8 @@ def inputs_at_target(certificate: Certificate) -> tuple[Wholes, Wholes]:
     That is one which keeps the target at every sample from now on; where none does, one which leads
     to cells of the target or to certified ones; NONE where none does either. The region is kept on
     the way. Of several it is the one that is nearest to zero, in parts of what was tried.
+
+    Both have the shape (cells of the target,).
     """
     cells, tried = certificate.cells, certificate.candidates
     flow = flow_of(certificate)

@@ -142,6 +142,8 @@ def lasting(certificate: Certificate) -> tuple[Wholes, Wholes, Wholes]:
     An input that leads to cells of one level lower does so for all lower levels, so that the entry
     of the highest level of a cell is enough. The level is 0 for ever. With a target it is in how
     many periods the cell leads there, of which the lowest counts.
+
+    All three have the shape (cells,).
     """
     entries = certificate.kept.spread()
     better = -entries[:, 2] if certificate.target else entries[:, 2]
@@ -330,6 +332,9 @@ class Proof:
         """For how long the cell of each state keeps it [s], -1 where none does, and its inputs.
 
         With a target: in what time it leads there, 0 where the state is there.
+
+        states: shape (count, states). The times have the shape (count,), the inputs (count,
+        inputs).
         """
         entries, _, _, shape, periodic, numbers, rows = self._table
         axes, width = states.shape[1], 1 + self.candidates.shape[1]
@@ -346,6 +351,8 @@ class Proof:
 
         One less than that of their cell; to any certified cell from where none is, and from the
         target.
+
+        seconds: shape (count,), as the levels.
         """
         if not self.lasts:
             return np.zeros(len(seconds), dtype=np.int64)
@@ -354,13 +361,16 @@ class Proof:
         return np.where(levels > 0, levels - 1, least)
 
     def inside(self, states: Array) -> Truths:
-        """Whether the constraints surely hold at states."""
+        """Whether the constraints surely hold at states, shape (count, states)."""
         return self.flow.inside(states, states)
 
     def leads(self, states: Array, inputs: Array, needed: Wholes) -> Truths:
         """Whether an input leads from each state to cells of that level, inside on the way.
 
         Proved, with every rounding, of states at which the constraints hold.
+
+        states: shape (count, states). inputs: shape (count, inputs). needed: shape (count,), as the
+        answers.
         """
         fine = np.zeros(len(states), dtype=bool)
         left = np.arange(len(states))

@@ -93,7 +93,8 @@ class SetOnGrid(Protocol):
         """The problem, the march and its error estimates."""
 
     def values(self, time: float | None = None) -> AnyArray:
-        """V at the nodes, with an axis for each state."""
+        """V at the nodes, with an axis for each state: (nodes of the first, nodes of the second,
+        and so on)."""
 
 
 def check_candidate(value: SetOnGrid, system: System, *, target: bool) -> None:
@@ -116,6 +117,8 @@ def check_candidate(value: SetOnGrid, system: System, *, target: bool) -> None:
 
 def touched_by(value: SetOnGrid, margin: float) -> Callable[[Cells], Truths]:
     """Which cells may have a state with V > margin: those with such a node in or around them.
+
+    The answers have the shape (cells,).
 
     Raises `SimulationError` where no node has it.
     """
@@ -182,6 +185,8 @@ def settled_kept(
     ranks: for how many what is known keeps cells, BEST for ever. Where a cell's input leads is the
     same at every sweep, and the set only shrinks: an input that does not keep a cell will not do so
     later.
+
+    ranks: of all cells, shape (cells,). The results have the shape (cells of the images,).
     """
     usable, most = images.usable, images.usable.shape[1]
     longest = BEST if holds is None else holds
@@ -237,6 +242,8 @@ def reached(
     most; None is as many as there are. halvings: how often cells are halved that are left near
     those that are found. among: which cells are tried; None is all of the region. The result's
     `holds` is the largest number, its entries' levels are the numbers of each.
+
+    candidates: inputs that are tried, shape (tried, inputs).
     """
 
     def settle(outcome: Images, cells: Cells, ranks: Ranks) -> tuple[Ranks, Wholes, int]:
@@ -266,6 +273,8 @@ def settled_reaching(
     """How far the cells of images are away, the inputs that lead there, and how many periods.
 
     ranks: BEST less how many periods cells are known to be away.
+
+    ranks: of all cells, shape (cells,). The results have the shape (cells of the images,).
     """
     away = np.where(ranks > REGION, BEST - ranks.astype(np.int64), NONE)
     earlier = np.flatnonzero(away > 0)

@@ -89,7 +89,8 @@ class Search:
 
     @property
     def boxes(self) -> tuple[Array, Array, Array]:
-        """When, and between what, all states are."""
+        """When, and between what, all states are: shapes (samples, 2), (samples, states) and
+        (samples, states)."""
         n = len(self.pipe.states)
         rows = np.array(self._rows, dtype=float).reshape(-1, 2 + 2 * n)
         return rows[:, :2], rows[:, 2 : 2 + n], rows[:, 2 + n :]

@@ -57,6 +57,8 @@ class Store:
     ) -> Blocks:
         """The blocks of these images: those of an earlier run, or none that is done.
 
+        candidates: inputs that are tried, shape (tried, inputs). of: cells, shape (cells,).
+
         Warns with `CacheWarning` where an earlier run was of another problem or version.
         """
         digest = hashlib.sha256(f"{__version__} {flow.digest} {cells.periodic} {tasks}".encode())
@@ -164,7 +166,11 @@ class Images:
 def where(
     sure: Callable[[Array, Array], Truths], cells: Cells, among: Wholes | None = None
 ) -> Wholes:
-    """Numbers of the cells all over which something is sure, of all or among some."""
+    """Numbers of the cells all over which something is sure, of all or among some.
+
+    sure: of the lower and upper corners of boxes, shape (boxes, states). among, as the result:
+    shape (cells,).
+    """
     among = np.arange(cells.total) if among is None else among
     blocks = [among[:0]]
     for begin in range(0, len(among), BLOCK):
@@ -230,6 +236,8 @@ def in_steps(flow: HeldFlow, cells: Cells, candidates: Array) -> HeldFlow:
 
     What is gained is the mean of one part in so many cells as an input leads to, constraints on the
     way aside: the fewest steps with nearly the most of it are taken.
+
+    candidates: inputs that are tried, shape (tried, inputs).
     """
     inside = where(flow.inside, cells)
     if not len(inside):
@@ -299,6 +307,8 @@ def refined(
     was found of larger cells stands: an input leads from a cell to ranks that only grow. store:
     where images are kept, so that an interrupted search goes on. among: which cells are tried at
     all.
+
+    candidates: inputs that are tried, shape (tried, inputs).
     """
     tell = progress or (lambda what, share: None)
     _check_memory(cells, depth)
@@ -357,7 +367,8 @@ def _gained(
 
 
 def doubled(values: AnyArray, cells: Cells) -> AnyArray:
-    """What is known of the cells that these are halves of, for each of these."""
+    """What is known of the cells that these are halves of, for each of these: shapes (larger
+    cells,) and (cells,)."""
     finer = values.reshape([n // 2 for n in cells.counts])
     for axis in range(finer.ndim):
         finer = np.repeat(finer, 2, axis=axis)
@@ -365,7 +376,8 @@ def doubled(values: AnyArray, cells: Cells) -> AnyArray:
 
 
 def sure_of(sure: Callable[[Array, Array], Truths], halvings: Halvings) -> Wholes:
-    """The smallest cells all over which something is sure, or all over a cell that they are in."""
+    """The smallest cells all over which something is sure, or all over a cell that they are in,
+    shape (cells,)."""
     certain = np.zeros(0, dtype=bool)
     for g in range(halvings.depth + 1):
         grid = halvings.grid(g)

@@ -257,7 +257,10 @@ class Leads:
     usable: Truths
 
     def surely(self, cells: Cells, members: list[Truths]) -> Truths:
-        """Which lead into a set: of each mode whether a cell is a member."""
+        """Which lead into a set: of each mode whether a cell is a member.
+
+        members: of each mode, shape (cells,). The answers have the shape (leads,).
+        """
         sure = self.usable.copy()
         for mode, marks in enumerate(members):
             some = np.flatnonzero(sure & (self.to == mode))
@@ -332,7 +335,7 @@ def reached_by_law(
 
 
 def leads(flow: HeldFlow, cells: Cells, of: Wholes, tell: Progress) -> Leads:
-    """All that the law may do in these cells, in every mode."""
+    """All that the law may do in these cells, in every mode: `of` has the shape (cells,)."""
     law, corners, moves = _law_of(flow), cells.corners(of), []
     what = f"{len(of):,} cells in the region, {law.modes} modes of the law"
     tell(what, 0.0)

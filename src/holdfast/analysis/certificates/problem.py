@@ -145,7 +145,8 @@ def parts_of(
 def candidates_of(
     system: System, counts: int | Mapping[str, int], ranges: Mapping[str, Range]
 ) -> Array:
-    """Inputs that are tried: within the bounds for every number that is uncertain."""
+    """Inputs that are tried: within the bounds for every number that is uncertain, shape (tried,
+    inputs)."""
     if not system.inputs:
         return np.empty((1, 0))
     if system.input_bounds is None:

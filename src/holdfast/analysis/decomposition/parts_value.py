@@ -140,17 +140,20 @@ class SolvedPart:
         return self._coordinates.values(states)
 
     def at(self, states: Array, time: float | None) -> Array:
+        """V of the part at states of the whole, shape (count, states): shape (count,)."""
         return self.value.at(self.coordinates(states), time)
 
     def gradient(self, states: Array, time: float | None) -> Array:
-        """dV/dq along the states of the whole, by the chain rule."""
+        """dV/dq along the states of the whole, by the chain rule; both have the shape (count,
+        states)."""
         of_part = self.value.gradient(self.coordinates(states), time)
         slopes = self._slopes.values(states).reshape(len(states), of_part.shape[1], -1)
         of_whole: Array = np.einsum("ni,nij->nj", of_part, slopes)
         return of_whole
 
     def inputs(self, states: Array, time: float | None) -> dict[str, Array]:
-        """The optimal inputs of the part, by name."""
+        """The optimal inputs of the part, by name, each of the shape (count,), at states (count,
+        states)."""
         points = self.coordinates(states)
         columns = self._optimal.values(np.hstack([points, self.value.gradient(points, time)]))
         return {n: columns[:, i] for i, n in enumerate(self.part.system.input_names)}
@@ -213,7 +216,10 @@ class PartsValue:
     def contains(
         self, states: npt.ArrayLike, margin: float = 0.0, time: float | None = None
     ) -> Truths:
-        """Whether V > margin; a state outside a grid or the domain is not contained."""
+        """Whether V > margin; a state outside a grid or the domain is not contained.
+
+        states: shape (count, states). The answers have the shape (count,).
+        """
         inside: Truths = self.at(states, time) > margin
         return inside
 

@@ -329,6 +329,8 @@ def ties(motion: MeasuredMotion, values: Array) -> list[tuple[str, ...]]:
     The null space of df/dv at these values, at random states and inputs (local structural
     identifiability with every state measured). Each group is a combination; a log of fewer states
     may tie more.
+
+    values: shape (unknown,).
     """
     if not len(values):
         return []
@@ -380,7 +382,10 @@ def to_hold(groups: Sequence[tuple[str, ...]], order: Sequence[str]) -> dict[str
 
 
 def not_seen(information: Array, scale: Array, names: Sequence[str], vague: float) -> list[str]:
-    """Numbers of which the deviation is more than `vague` sizes, the vaguest first."""
+    """Numbers of which the deviation is more than `vague` sizes, the vaguest first.
+
+    information: shape (numbers, numbers). scale: shape (numbers,).
+    """
     left = list(range(len(names)))
     dropped: list[str] = []
     while left:
@@ -395,7 +400,10 @@ def not_seen(information: Array, scale: Array, names: Sequence[str], vague: floa
 
 
 def deviations(information: Array) -> Array:
-    """The deviation of each number for this information; infinite where there is none."""
+    """The deviation of each number for this information; infinite where there is none.
+
+    information: shape (numbers, numbers). The deviations have the shape (numbers,).
+    """
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0, scale, 1.0)
     both = np.outer(scale, scale)
@@ -607,7 +615,8 @@ def _sizes(start: Fitted) -> Array:
 
 
 def spread_of(fit: Fitted, windows: Windows) -> Array:
-    """The deviation of each shared number: of independent noise or of windows, the larger."""
+    """The deviation of each shared number: of independent noise or of windows, the larger: shape
+    (shared numbers,)."""
     if not fit.shared.size:
         return np.empty(0)
     covariance = np.linalg.pinv(fit.information, hermitian=True)

@@ -187,6 +187,8 @@ def needed(
 
     windows: of one log, the shortest first. still: the constant disturbances of the log. Raises
     `SimulationError` where half of the windows have too few measurements to tell.
+
+    noise: of each signal, shape (signals,).
     """
     motion = shooting.motion
     local = [k for k, q in enumerate(motion.unknown) if q.name.startswith(PREFIX)]

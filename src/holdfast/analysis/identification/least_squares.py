@@ -162,7 +162,8 @@ class Fitted:
 
     @property
     def information(self) -> Array:
-        """The inverse of the covariance of the shared numbers, for independent noise."""
+        """The inverse of the covariance of the shared numbers, for independent noise, shape
+        (shared, shared)."""
         matrix: Array = self.slopes.T @ self.slopes
         return matrix
 
@@ -190,7 +191,10 @@ class Problem:
             raise SimulationError(f"{int((counts == 0).sum())} windows have no measurement")
 
     def first_local(self) -> Array:
-        """A first guess: the measured states at the beginning of each window, and zero else."""
+        """A first guess: the measured states at the beginning of each window, and zero else.
+
+        The shape is (windows, states + local numbers).
+        """
         w = self.windows
         guess = np.zeros((w.count, self.shooting.states + len(self.local)))
         for k, name in enumerate(self.shooting.motion.names):
@@ -201,12 +205,17 @@ class Problem:
         return guess
 
     def summed(self, rows: Array) -> Array:
-        """Sums of rows over the measurements of each window."""
+        """Sums of rows over the measurements of each window: shapes (measurements, ...) and
+        (windows, ...)."""
         sums: Array = np.add.reduceat(rows, self._starts, axis=0)
         return sums
 
     def predict(self, shared: Array, local: Array) -> tuple[Predicted, Array, Array]:
-        """The prediction, and its slopes by the local and by the shared numbers."""
+        """The prediction, and its slopes by the local and by the shared numbers.
+
+        shared: shape (shared,). local: shape (windows, states + local). The slopes have the shapes
+        (measurements, states + local) and (measurements, shared).
+        """
         n = self.shooting.states
         unknown = np.repeat(self.given[None, :], self.windows.count, axis=0)
         unknown[:, self.shared] = shared
@@ -251,6 +260,8 @@ class Problem:
         States that are wrong by noise move as well, and seem to show what no motion shows. A second
         error like theirs adds as much again (simulation extrapolation, J. R. Cook and
         L. A. Stefanski, 1994).
+
+        The shape is (shared, shared).
         """
         random = np.random.default_rng(0)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -270,7 +281,7 @@ class Problem:
         return fit.information - 2 * added
 
     def determined(self, fit: Fitted) -> Truths:
-        """Whether the measurements of each window show all its local numbers."""
+        """Whether the measurements of each window show all its local numbers, shape (windows,)."""
         _, rows, _ = self._weighted(fit.shared, fit.local, fit.weight)
         matrices = self.summed(rows[:, :, None] * rows[:, None, :])
         scale = np.sqrt(np.einsum("wii->wi", matrices))

@@ -86,7 +86,7 @@ class Windows:
 
     @property
     def time(self) -> Array:
-        """When each measurement was made [s]."""
+        """When each measurement was made [s], shape (measurements,)."""
         return self.start[self.window] + (self.node + self.share) * self.step
 
 
@@ -198,19 +198,23 @@ _SMALLEST = 1e-9
 
 
 def huber_weights(ratio: Array) -> Array:
-    """Square roots of Huber's weights of residuals in deviations."""
+    """Square roots of Huber's weights of residuals in deviations, both of the shape
+    (measurements,)."""
     return np.sqrt(np.minimum(1.0, HUBER / np.maximum(np.abs(ratio), 1e-300)))
 
 
 def deviations(w: Windows, residual: Array, signals: int, fitted_numbers: int) -> Array:
-    """The noise of each signal, from the median of its residuals, for the numbers fitted."""
+    """The noise of each signal, from the median of its residuals, for the numbers fitted.
+
+    residual: shape (measurements,). The noise has the shape (signals,).
+    """
     free = max(1 - fitted_numbers / len(w.value), 0.1)
     each = [1.4826 * float(np.median(np.abs(residual[w.signal == k]))) for k in range(signals)]
     return np.array(each) / np.sqrt(free)
 
 
 def first_noise(w: Windows, signals: int) -> Array:
-    """The noise of each signal, from its second differences within windows."""
+    """The noise of each signal, from its second differences within windows, shape (signals,)."""
     noise = []
     for k in range(signals):
         of = w.signal == k
@@ -222,6 +226,7 @@ def first_noise(w: Windows, signals: int) -> Array:
 
 
 def least_noise(w: Windows, signals: int) -> Array:
+    """What the noise of each signal is taken to be at least, shape (signals,)."""
     spans = [
         np.ptp(w.value[w.signal == k]) if (w.signal == k).any() else 0.0 for k in range(signals)
     ]

@@ -102,7 +102,11 @@ class Measurements:
         disturbances: npt.ArrayLike | None,
         commands: npt.ArrayLike | None = None,
     ) -> Array:
-        """Rows for many vehicles: arrays with a row for each of them."""
+        """Rows for many vehicles: arrays with a row for each of them.
+
+        states: shape (count, states). disturbances: shape (count, disturbances). commands: shape
+        (count, inputs). The rows have the shape (count, numbers).
+        """
         groups: list[tuple[str, Any, slice | list[int], tuple[str, ...]]]
         groups = [("states", states, self._states, self.states)]
         if self.disturbances:
@@ -134,7 +138,7 @@ class Measurements:
         return table
 
     def faulty(self, row: Array) -> str:
-        """The names of the numbers of a row that are not finite."""
+        """The names of the numbers of a row that are not finite: row has the shape (numbers,)."""
         return ", ".join(
             f"{name} is {value}"
             for name, value in zip(self.names, row, strict=True)
@@ -143,7 +147,8 @@ class Measurements:
 
 
 def numbers(values: Given, names: tuple[str, ...], what: str) -> Array:
-    """The numbers in the order of their names; `SimulationError` for others."""
+    """The numbers in the order of their names; `SimulationError` for others. Their shape is
+    (names,)."""
     if isinstance(values, Mapping):
         for name in values:
             check_name(name, names, SimulationError, f"unknown {what} '{name}'")
@@ -199,6 +204,7 @@ class Plant:
         sample_time: float = 0.02,
         substeps: int = 2,
     ) -> None:
+        """start: shape (states,)."""
         if not (math.isfinite(sample_time) and sample_time > 0):
             raise SimulationError(f"sample_time is {sample_time}", expected="seconds, above 0")
         self.system, self.sample_time = system, float(sample_time)
@@ -210,7 +216,7 @@ class Plant:
         self.reset(start)
 
     def reset(self, start: Sequence[float] | Array) -> None:
-        """Begin at other states, at the time 0."""
+        """Begin at other states, at the time 0; start has the shape (states,)."""
         self._state, self.t = numbers(start, self.system.state_names, "start"), 0.0
         self._count = 0
 
@@ -220,6 +226,9 @@ class Plant:
         Inputs beyond their bounds are limited as the actuators limit them. Raises
         `SimulationError` for wrong names or shapes, for numbers that are not finite, and where the
         plant diverges; it stays where it was.
+
+        input: shape (inputs,). disturbance: shape (disturbances,). The states have the shape
+        (states,).
         """
         inputs = numbers(input, self.system.input_names, "input")
         felt = np.zeros(len(self.system.disturbances))
@@ -241,7 +250,7 @@ class Plant:
 
     @property
     def state(self) -> Array:
-        """The states now."""
+        """The states now, shape (states,)."""
         return self._state.copy()
 
 

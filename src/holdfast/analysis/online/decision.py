@@ -88,20 +88,25 @@ class Decision:
         seen: Array,
         by: Explains,
     ) -> None:
+        """row: the numbers of a decision one after the other, shape (numbers,), where `rows` says.
+        seen: what was measured, shape (measured,)."""
         row.flags.writeable = False
         self._row, self._rows, self.status, self.overruled = row, rows, status, overruled
         self.t, self.seen, self._by = t, seen, by
 
     @property
     def input(self) -> Array:
+        """The input, shape (inputs,)."""
         return self._row[self._rows.command]
 
     @property
     def actuators(self) -> Array:
+        """What the actuators are to give, shape (actuators,)."""
         return self._row[self._rows.actuators]
 
     @property
     def nominal(self) -> Array:
+        """What the other controller commands, shape (inputs,)."""
         return self._row[self._rows.nominal]
 
     @property
@@ -128,7 +133,11 @@ class Decision:
 
     @property
     def conditions(self) -> Array:
-        """Of every condition sum_i n_i u_i <= b: the n_i and b in turn; then the scales."""
+        """Of every condition sum_i n_i u_i <= b: the n_i and b in turn; then the scales.
+
+        The shape is (conditions * (inputs + 1) + inputs,): one row for all, as the program leaves
+        it.
+        """
         return self._row[self._rows.conditions]
 
     def __deepcopy__(self, memo: object) -> Decision:

@@ -426,7 +426,7 @@ class SafetyFilter:
 
     @property
     def fallback(self) -> Array:
-        """The input where a measurement or the command is not finite."""
+        """The input where a measurement or the command is not finite, shape (inputs,)."""
         return self._fallback[0].copy()
 
     # -- at a sample -------------------------------------------------------------------------

@@ -32,7 +32,7 @@ def inside_states(
     margin: float | None,
     loss: float,
 ) -> tuple[Array, float]:
-    """Random states inside, and the allowed loss."""
+    """Random states inside, and the allowed loss; the states have the shape (runs, states)."""
     numbers = value.values()
     within = Places(lambda k: numbers[k] > 0, numbers.shape)
     for allowed in (loss, 0.0) if loss else (0.0,):
@@ -116,7 +116,10 @@ def outside_states(
     region: Region | None,
     system: System,
 ) -> Array | None:
-    """Random states of the region outside the set, or None if the set covers the region."""
+    """Random states of the region outside the set, or None if the set covers the region.
+
+    Their shape is (runs, states).
+    """
     numbers = value.values()
     symbols = [q.symbol for q in system.states]
     constraints = None if region is None else Evaluator([region.margin], symbols, region.parameters)
@@ -139,6 +142,8 @@ def a_cell_inside(
 
     The criterion uses the local change of V between neighbours, not its unit. Beyond the end of a
     "limited" axis no states exist; beyond other ends no state counts as inside.
+
+    states: shape (count, states). The answers have the shape (count,).
     """
     inside: Truths = sign * value.at(states) > above
     for i, axis in enumerate(value.grid.axes):
@@ -156,6 +161,8 @@ def highest_within(value: ValueFunction, lengths: Array) -> float:
     """The largest V of a state from which the boundary is within these lengths along the axes.
 
     Counted in whole cells, and one more for states between nodes.
+
+    lengths: in the units of the states, shape (states,).
     """
     from scipy.ndimage import minimum_filter
 

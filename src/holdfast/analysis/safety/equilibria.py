@@ -127,7 +127,7 @@ class Search:
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """A, b of A u <= b."""
+        """A, b of A u <= b: shapes (rows, inputs) and (rows,)."""
         numbers = {p.symbol: p.value for p in self.system.parameters}
         input_bounds = self.system.input_bounds
         rows = [] if input_bounds is None else input_bounds.at(numbers).half_spaces()
@@ -194,7 +194,10 @@ class Search:
         return bool(still.any())
 
     def solve(self, disturbance: Mapping[str, float], guesses: list[Array]) -> RestingState:
-        """The best within the bounds, else the one that only the bounds of the inputs forbid."""
+        """The best within the bounds, else the one that only the bounds of the inputs forbid.
+
+        guesses: states, inputs and a margin, each of the shape (states + inputs + 1,).
+        """
         best = self._best(disturbance, guesses, bounded=True)
         if best.exists or best.missing == UNBOUNDED or not len(self.bounds[1]):
             return best

@@ -114,12 +114,12 @@ class Reference:
 
     @property
     def inside(self) -> Truths:
-        """Starts with V > margin, which some input keeps."""
+        """Starts with V > margin, which some input keeps: shape (starts,)."""
         return self.value > self.margin
 
     @property
     def given_up(self) -> Truths:
-        """Starts with V < -margin, which no input keeps according to the kernel."""
+        """Starts with V < -margin, which no input keeps according to the kernel: shape (starts,)."""
         return self.value < -self.margin
 
     def summary(self) -> dict[str, Any]:
@@ -188,7 +188,10 @@ class Comparison:
         return Rate(int(good[chosen].sum()), int(chosen.sum())) if chosen.any() else None
 
     def detours(self, law: str, case: str) -> Array:
-        """The detours of the rescued runs; empty if no run was rescued."""
+        """The detours of the rescued runs; empty if no run was rescued.
+
+        Their shape is (rescued runs,).
+        """
         rows = [self.of(other, case) for other in self.laws]
         lengths = np.array([np.where(t.rescued, t.length, np.inf) for t in rows])
         shortest = np.maximum(lengths.min(axis=0), 0.01)

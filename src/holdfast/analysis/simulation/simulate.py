@@ -58,6 +58,8 @@ def described(
 
     limits: of "input" and "actuator" the least and the largest value of every column, or of every
     column in every run. felt: the disturbance at every recorded sample, where it varies in a run.
+
+    The limits have the shape (columns,) or (runs, columns), felt (runs, samples, disturbances).
     """
     s, names = trajectories, [c[0] for c in program.constraints]
     exits = [NO_CONSTRAINT, *range(len(names))]
@@ -293,6 +295,8 @@ def check_disturbance(
     """Refuse a disturbance that is not finite, or leaves its bounds, in any run.
 
     A field is judged along the runs (`check_field`): here its states are not known.
+
+    drawn: the draws of each run, shape (runs, draws).
     """
     if not system.disturbances or loop.program.bounded:
         return

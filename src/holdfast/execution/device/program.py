@@ -50,7 +50,10 @@ class Device(Protocol):
         """Refuse arrays beyond the memory of the device."""
 
     def fetched(self, array: Any, out: Array | None = None) -> Array:
-        """The values of an array of the device, on the host; in `out`, if that is given."""
+        """The values of an array of the device, on the host; in `out`, if that is given.
+
+        Both have any shape, and the same.
+        """
 
 
 def whole_text(text: str) -> str:
@@ -125,6 +128,7 @@ class CudaDevice:
             )
 
     def fetched(self, array: Any, out: Array | None = None) -> Array:
+        """As `Device.fetched`, in any shape."""
         values: Array = self.arrays.asnumpy(array, out=out)
         return values
 
@@ -193,7 +197,7 @@ class HostDevice:
         check_memory(needed, what)
 
     def fetched(self, array: Any, out: Array | None = None) -> Array:
-        """A copy, as from another memory."""
+        """A copy, as from another memory, in any shape."""
         out = np.empty_like(array) if out is None else out
         out[...] = array
         return out

@@ -195,7 +195,8 @@ class HeldFlow:
         return self._sure("inside", low, high)
 
     def arrived(self, low: Array, high: Array) -> Truths:
-        """Whether those of the target surely hold too where each box is measured."""
+        """Whether those of the target surely hold too where each box is measured: corners (boxes,
+        states), answers (boxes,)."""
         return self._sure("arrived", low, high)
 
     def _sure(self, leaf: str, low: Array, high: Array) -> Truths:

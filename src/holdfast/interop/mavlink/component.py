@@ -483,6 +483,7 @@ class SimulatedVehicle(Closing):
         bearing: float = 0.0,
         on_states: Callable[[float, Array], None] | None = None,
     ) -> None:
+        """start: shape (states,)."""
         if not (0 < rate <= 1000 and patience > 0):
             raise SimulationError(
                 f"rate is {rate} Hz, patience {patience} s", expected="up to 1000 Hz, above 0 s"
@@ -505,7 +506,7 @@ class SimulatedVehicle(Closing):
 
     @property
     def state(self) -> Array:
-        """The states now."""
+        """The states now, shape (states,)."""
         return self.plant.state
 
     def turn(self, now: float) -> None:

@@ -42,12 +42,15 @@ FILL = "#bfdcec"  # of the set
 
 
 def nodes(axis: Axis) -> Array:
-    """The nodes of an axis; a periodic one is closed by its first node."""
+    """The nodes of an axis; a periodic one is closed by its first node: shape (nodes,)."""
     return np.append(axis.nodes, axis.high) if axis.ends == "periodic" else axis.nodes
 
 
 def closed(value: ValueFunction, values: AnyArray) -> Array:
-    """An array over the grid of a value function; periodic axes are closed."""
+    """An array over the grid of a value function; periodic axes are closed.
+
+    The shape is (nodes of the first axis, nodes of the second, and so on).
+    """
     table: Array = np.asarray(values, dtype=np.float64)
     for k, axis in enumerate(value.grid.axes):
         if axis.ends == "periodic":
@@ -56,7 +59,7 @@ def closed(value: ValueFunction, values: AnyArray) -> Array:
 
 
 def mesh(value: ValueFunction, plane: tuple[str, str]) -> tuple[Array, Array]:
-    """The nodes along both axes of the plane."""
+    """The nodes along both axes of the plane, each of the shape (nodes,)."""
     axes = {a.name: a for a in value.grid.axes}
     return nodes(axes[plane[0]]), nodes(axes[plane[1]])
 
@@ -68,7 +71,7 @@ def on_mesh(value: ValueFunction, plane: tuple[str, str], values: AnyArray) -> A
 
 
 def curve(value: ValueFunction, time: float | None = None) -> tuple[Array, Array]:
-    """The nodes and the values of a value function of one state."""
+    """The nodes and the values of a value function of one state, both of the shape (nodes,)."""
     return nodes(value.grid.axes[0]), closed(value, value.values(time))
 
 
@@ -89,7 +92,10 @@ def time_colours(value: ValueFunction) -> dict[float, Any]:
 
 
 def draw_zero(axis: Axes, x: Array, y: Array, values: Array, **drawn: Any) -> None:
-    """The zero level, if it exists."""
+    """The zero level, if it exists.
+
+    x: shape (columns,). y: shape (rows,). values: shape (rows, columns).
+    """
     if (values > 0).any() and (values <= 0).any():
         axis.contour(x, y, values, levels=[0.0], **drawn)
 
@@ -134,7 +140,10 @@ def draw_values(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> Con
 def draw_arrival(
     axis: Axes, value: ValueFunction, plane: tuple[str, str], arrival: AnyArray
 ) -> ContourSet | None:
-    """The least times as colours, and the edge of the set; None if nothing is reached."""
+    """The least times as colours, and the edge of the set; None if nothing is reached.
+
+    arrival: seconds, shape (nodes of the first state, nodes of the second).
+    """
     x, y = mesh(value, plane)
     table, seconds = (on_mesh(value, plane, v) for v in (value.values(), arrival))
     if not (table > 0).any():
@@ -157,7 +166,7 @@ def _widened(seconds: Array) -> Array:
 
 
 def extent(table: Array) -> str:
-    """Whether the set is "empty" or "full" here; else ""."""
+    """Whether the set is "empty" or "full" here; else "": a table of any shape."""
     if not (table > 0).any():
         return "empty"
     return "" if (table <= 0).any() else "full"

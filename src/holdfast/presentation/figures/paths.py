@@ -53,7 +53,7 @@ class Frame:
         return self.x[1] - self.x[0], self.y[1] - self.y[0]
 
     def scaled(self, points: Array) -> Array:
-        """Points in parts of the size of the plot."""
+        """Points in parts of the size of the plot, both of the shape (points, 2)."""
         size: Array = points / (max(self.size) if self.equal else self.size)
         return size
 
