@@ -119,7 +119,7 @@ class Reference:
 
     @property
     def given_up(self) -> Truths:
-        """Starts with V < -margin, which no input keeps according to the kernel: shape (starts,)."""
+        """Starts with V < -margin, which no input keeps by the kernel: shape (starts,)."""
         return self.value < -self.margin
 
     def summary(self) -> dict[str, Any]:

@@ -39,10 +39,10 @@ from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.arrays import Array as Doubles
 from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.device.program import Device
-from holdfast.execution.leaf import Leaves, compiled_leaves, padded
+from holdfast.execution.leaf import Leaves, compiled_leaves, compiled_text, padded
 from holdfast.execution.level_set.device_sweeping import DeviceSweeping, device_layout
-from holdfast.execution.level_set.schemes import schemes
-from holdfast.execution.level_set.stage_leaf import MarchLeaves
+from holdfast.execution.level_set.schemes import Scheme, schemes
+from holdfast.execution.level_set.stage_leaf import Stage, rate_leaves, stage_text
 from holdfast.execution.level_set.sweeping import (
     Fold,
     Stages,
@@ -184,6 +184,80 @@ def padded_rows(axes: Sequence[npt.NDArray[np.float64]]) -> npt.NDArray[np.float
     for row, axis in zip(rows, axes, strict=True):
         row[: len(axis)] = axis
     return rows
+
+
+LIMITS = {"free": (-math.inf, math.inf), "shrink": (-math.inf, 0.0), "grow": (0.0, math.inf)}
+"""The limits of dW/dt: none, never above zero, never below."""
+
+Numbers = npt.NDArray[np.int64]
+
+
+class MarchLeaves:
+    """The leaves of a Hamiltonian with a scheme.
+
+    limit: a name in `LIMITS`; one_stage: whether a step has one; filtered: whether the rate is held
+    close to that of a monotone step (`stage_leaf.py`).
+    """
+
+    def __init__(
+        self,
+        hamiltonian: Hamiltonian,
+        parameters: Sequence[Parameter],
+        scheme: Scheme,
+        *,
+        dissipation: str,
+        limit: str,
+        one_stage: bool,
+        precision: str,
+        filtered: bool,
+    ) -> None:
+        self._rates = rate_leaves(
+            hamiltonian,
+            parameters,
+            dissipation=dissipation,
+            filtered=filtered,
+            one_slope=scheme.one_slope,
+            precision=precision,
+        )
+        self._scheme, self._limit, self._one_stage = scheme, limit, one_stage
+        self._precision, self._filtered = precision, filtered
+        self._axes = len(hamiltonian.costates)
+
+    @property
+    def of_row(self) -> int:
+        """How many numbers depend on a row of the last axis, or on outer axes."""
+        return self._rates.of_row + self._rates.outer
+
+    def stage(self, *, lower: bool, upper: bool) -> Stage:
+        """The arithmetic of a stage; lower, upper: whether there are such bounds at nodes."""
+        return Stage(
+            self._rates,
+            axes=self._axes,
+            one_slope=self._scheme.one_slope,
+            filtered=self._filtered,
+            limits=LIMITS[self._limit],
+            side=1.0 if self._limit == "shrink" else -1.0,
+            from_start=self._one_stage,
+            lower=lower,
+            upper=upper,
+        )
+
+    def found(self, *, lower: bool, upper: bool) -> tuple[Numbers, Numbers, Numbers]:
+        """The addresses of leaves, with a stage and one that measures; the sizes of a sweep."""
+        stage, scheme = self.stage(lower=lower, upper=upper), self._scheme
+        of_scheme = {}
+        if not scheme.one_slope:
+            of_scheme["scheme"] = scheme.leaf(self._precision, plain=stage.filtered)
+        self._leaves = compiled_leaves({**self._rates.leaves, **of_scheme})  # they hold the code
+        self._stage, of = compiled_text(stage_text(stage)), self._leaves.addresses
+        plain, measured = (
+            np.array([of["along"], of["rows"], self._stage.address(name), of.get("scheme", 0)])
+            for name in ("holdfast_stage", "holdfast_measured")
+        )
+        rates = self._rates
+        of_nodes = [rates.along, rates.of_row, rates.outer]
+        sizes = [*of_nodes, scheme.ghosts, stage.lanes, int(stage.filtered)]
+        return plain, measured, np.array(sizes)
 
 
 EIGHTHS = 8

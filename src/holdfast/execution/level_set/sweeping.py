@@ -35,7 +35,7 @@ from holdfast.execution.codegen.scalar_llvm import scalars_text
 from holdfast.execution.codegen.scalar_reader import read
 from holdfast.execution.leaf import compiled_text
 from holdfast.execution.level_set.schemes import Scheme
-from holdfast.execution.level_set.stage_leaf import INFINITE, MarchLeaves
+from holdfast.execution.level_set.stage_leaf import INFINITE, Stage
 from holdfast.execution.resources import Memory, Room
 
 Flags = npt.NDArray[np.uint8]
@@ -371,14 +371,22 @@ class _Other(threading.Thread):
         return self.counts
 
 
-class RungeKuttaStages(Protocol):
+class HasStages(Protocol):
     @property
     def stages(self) -> int:
         """Of a step."""
 
 
+class HasLeaves(Protocol):
+    def stage(self, *, lower: bool, upper: bool) -> Stage:
+        """The arithmetic of a stage; lower, upper: whether there are such bounds at nodes."""
+
+    def found(self, *, lower: bool, upper: bool) -> tuple[Places, Places, Places]:
+        """The addresses of leaves, with a stage and one that measures; the sizes of a sweep."""
+
+
 class Marched(Protocol):
-    """What the holder of the values reads of a march (`march.py`)."""
+    """What the holder of its values reads of a march (`march.py`)."""
 
     code: SweepCode
     scheme: Scheme
@@ -394,11 +402,11 @@ class Marched(Protocol):
     threads: int
 
     @property
-    def method(self) -> RungeKuttaStages:
+    def method(self) -> HasStages:
         """Of the steps."""
 
     @property
-    def leaves(self) -> MarchLeaves:
+    def leaves(self) -> HasLeaves:
         """What the sweep calls."""
 
 
