@@ -127,7 +127,8 @@ class BlockNumbers:
             self.rows(name)[:] = value
 
     def rows(self, name: str) -> Array:
-        """The rows of a quantity: block, row, lane."""
+        """The rows of a quantity, shape (blocks, rows, width): each row has a number for every
+        lane."""
         count, place = self.layout.counts[name], self.layout.at[name]
         part = self.w[:, place : place + count * self.width]
         return part.reshape(len(self.w), count, self.width)
@@ -137,17 +138,20 @@ class BlockNumbers:
         self.w[:, self._rings] = 0.0
 
     def of_runs(self, name: str, row: int = 0) -> Array:
-        """A row of a quantity, for each run."""
+        """A row of a quantity, for each run, shape (runs,)."""
         return self.rows(name)[:, row].reshape(-1)[: self.runs]
 
     def set_runs(self, name: str, values: Array, row: int = 0) -> None:
-        """A row of a quantity, from the value of each run."""
+        """A row of a quantity, from the value of each run, shape (runs,)."""
         repeated = np.full(len(self.w) * self.width, values[-1])
         repeated[: self.runs] = values
         self.rows(name)[:, row] = repeated.reshape(-1, self.width)
 
     def set_numbers(self, starts: Array, numbers: Numbers, first: int, of_all: int) -> None:
-        """Those of the runs from `first` on, of which the first has the number `of_all` of all."""
+        """Those of the runs from `first` on, of which the first has the number `of_all` of all.
+
+        starts: shape (runs, states).
+        """
         runs = slice(first, first + self.runs)
         for name, values, varied, each in (
             ("plant", numbers.plant, numbers.varied_plant, numbers.own_plant),
@@ -213,6 +217,7 @@ class Fetching:
     def __init__(
         self, table: TableInParts, grid: tuple[AnyArray, ...], layout: Layout, look_up: int
     ) -> None:
+        """grid: lowest nodes, steps, shape and whether periodic, each of the shape (axes,)."""
         self._noted = _Noted()
         # no method of this object, or the table would stay until a collection
         self._function = ctypes.CFUNCTYPE(None, *_PART)(
@@ -223,7 +228,10 @@ class Fetching:
         self.address = address
 
     def in_place_of(self, addresses: npt.NDArray[np.int64], number: int) -> npt.NDArray[np.int64]:
-        """The addresses of what a loop calls, with this one at the place `number`."""
+        """The addresses of what a loop calls, with this one at the place `number`.
+
+        Both have the shape (functions,).
+        """
         replaced = addresses.copy()
         replaced[number] = self.address
         return replaced
@@ -334,7 +342,10 @@ def write_records(
 def write_notes(
     out: Trajectories, rows: Mapping[tuple[str, int], Array], runs: slice, inputs: int
 ) -> None:
-    """What is known of each run at its end. rows[name, k]: the k-th row of a quantity, by run."""
+    """What is known of each run at its end. rows[name, k]: the k-th row of a quantity, by run.
+
+    Each row has the shape (runs,).
+    """
     outcome, since = rows["outcome", 0].copy(), rows["inside_since", 0]
     outcome[(outcome == Outcome.STAYED) & ~np.isnan(since)] = Outcome.REACHED
     out.outcome[runs] = outcome
@@ -425,7 +436,10 @@ class Blocks(BlockNumbers):
         self.functions, self.fetching = self.functions._replace(addresses=addresses), fetching
 
     def begin(self, starts: Array, numbers: Numbers, first: int, of_all: int) -> None:
-        """Begin the runs from `first` on, of which the first has the number `of_all` of all."""
+        """Begin the runs from `first` on, of which the first has the number `of_all` of all.
+
+        starts: shape (runs, states).
+        """
         self.set_numbers(starts, numbers, first, of_all)
         self._call_all(self.functions.begin)
         if not self.program.constraints:
@@ -439,7 +453,10 @@ class Blocks(BlockNumbers):
         self.rows("exit_constraint")[:, 0][left] = outside.argmax(axis=1)[left]
 
     def advance(self, out: Trajectories, first: int, stop: Whole) -> bool:
-        """The next records to the arrays `out` from the run `first` on; whether there are more."""
+        """The next records to the arrays `out` from the run `first` on; whether there are more.
+
+        stop: 1 ends the runs, shape (1,).
+        """
         count = self.begin_records()
         ends = self.recorded + count == self.records
         self.s[:, RECORDS] = count - ends

@@ -53,7 +53,11 @@ class Commander(Protocol):
         """Before the first sample of these runs."""
 
     def command(self, t: float, states: Array, alive: Alive) -> Array:
-        """The command of every run, a row each, at the states that are measured."""
+        """The command of every run, a row each, at the states that are measured.
+
+        states: shape (runs, states). alive: shape (runs,). The commands have the shape (runs,
+        inputs).
+        """
 
     def end(self) -> None:
         """After the last sample of the runs, whatever ended them."""
@@ -178,7 +182,10 @@ class ClosedLoop:
     def parameter_array(
         self, overrides: Mapping[str, float] | None = None, sample_time: float = 0.0
     ) -> Array:
-        """The parameter values in order, with some replaced by name; then the sample time."""
+        """The parameter values in order, with some replaced by name; then the sample time.
+
+        The shape is (parameters,), or (parameters + 1,) with the sample time [s].
+        """
         values = {p.name: float(p.value) for p in self.program.parameters}
         for name, value in (overrides or {}).items():
             if name not in values:
@@ -256,6 +263,8 @@ class ClosedLoop:
         """The quantities that differ between runs: draws, cases, values, values of the plant.
 
         first: which of the runs that share the seed is the first of these.
+
+        The shape is (runs, quantities).
         """
         chosen = self.program.varied
         if not chosen:
@@ -280,12 +289,14 @@ class ClosedLoop:
         return np.hstack([draws, self._values("varied", width, p=p)])
 
     def columns(self, names: Iterable[str]) -> npt.NDArray[np.int64]:
-        """Where these parameters are among all of them."""
+        """Where these parameters are among all of them, shape (names,)."""
         order = [p.name for p in self.program.parameters]
         return np.array([order.index(n) for n in names], dtype=np.int64)
 
     def sample(self, lower: Array, upper: Array, count: int, seed: int, first: int = 0) -> Array:
         """`count` uniform states of a box that satisfy every inequality, from the `first` on.
+
+        lower, upper: shape (states,). The states have the shape (count, states).
 
         Raises `SimulationError` when `ATTEMPTS` draws find none for some run.
         """
@@ -342,6 +353,8 @@ class ClosedLoop:
 
         A run's result depends on the seed and its index alone, never on the threads. On
         KeyboardInterrupt the workers stop within one control sample.
+
+        starts: shape (runs, states). varied: shape (runs, quantities).
         """
         program = self.program
         if commander is None:

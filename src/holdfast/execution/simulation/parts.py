@@ -1,7 +1,10 @@
 """Parts of the simulation loop that go from lane to lane: scalar functions.
 
 The loop calls them with its arrays s and w, and the place in s of their entries, which `blocks.py`
-fills.
+fills. Of a block of `width` runs every quantity of w is a row of that many numbers:
+
+    w    (rows * width,)    numbers of the lanes, then rooms that all lanes share
+    s    (entries,)         places in w and sizes; those of a call begin at k
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from holdfast.execution.simulation.quadratic_program import keep_in_order, overr
 
 
 def table_at(address: int) -> Table:
-    """The array at an address: a part of the compiler, not of Python."""
+    """The array at an address: a part of the compiler, not of Python, shape (numbers,)."""
     raise NotImplementedError
 
 

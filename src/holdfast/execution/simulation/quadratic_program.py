@@ -9,7 +9,18 @@ half-spaces met before. Half-spaces are rows of `wide` numbers, a normal of unit
 it the offset.
 
 These are scalar functions (`codegen/scalar_reader.py`): the closed loop, exported laws and Python
-run the same text.
+run the same text. All arrays have one dimension; m is the number of inputs:
+
+    wanted, scales, given, result     (m,)               in the units of the inputs
+    constraints                       (most * (m + 1),)  of each the normal, then the offset
+    rows                              (count * wide,)    half-spaces; of `keep_many` for each
+    inner, plane                      (count * wide,)    as rows; the rows of a basis
+    a, b, normal, base, x             (m,)
+    small                             (6,)               of a line: base, direction, interval
+    ends                              (levels,)          where each level of conditions ends
+    hard                              (number,)
+    out                               (number * (m + 1),)
+    room, counts, own                 (numbers_of_programs,)
 """
 
 from __future__ import annotations
@@ -200,6 +211,9 @@ FAINT = 1e-6  # the size of a normal, against the largest, below which it does n
 
 def numbers_of_programs(m: int, most: int) -> tuple[int, int]:
     """The numbers of `room` and of `counts` that the programs need for so many constraints."""
+    # With the slack a problem has m + 1 coordinates, and a row has the offset behind them. A floor
+    # is a problem on a plane of the one above: its rows, its point, what was wanted and its base,
+    # and a plane of wide rows. The last two coordinates need 6: base, direction and interval.
     wide, floors = m + 2, m + 2
     rows = (most + 1) * wide
     return m + rows + wide + 6 + floors * (rows + 3 * wide + wide * wide), 2 * floors
