@@ -2,7 +2,25 @@
 
 A grid has every node of the coarser one, and one more between two of them. `of` has five numbers
 for every axis: nodes, those of the coarser grid, those of a block (even), blocks, and 1 for an axis
-that is periodic. Threads share the blocks of each function as those of a sweep (`sweep.py`).
+that is periodic. Threads share the blocks of each function as those of a sweep (`sweep.py`). All
+arrays have one dimension; n is the number of axes, and the last axis is the fastest:
+
+    turn                    (1,)            of the slices the next that no thread has
+    slices                  (slices + 1,)   the blocks that they begin at, and the end
+    of                      (5 * n,)        five numbers of every axis, one kind after the other
+    blocks                  (chosen,)       their numbers, in the order of the grid of blocks
+    chosen, found           (blocks,)       flags of all blocks
+    values, before, now     (nodes,)        of the grid
+    one, other, coarse      (coarser nodes,)
+    targets                 (targets,)      addresses of values of the grid
+    out                     (nodes,)        of `between` (count,), a part of a row
+    begin, count, index     (n,)            of a block its first node and its nodes; a row's place
+    shape                   (n,)
+    own                     (2,)            of a thread: the place after its last, and its end
+    numbers                 (2,)            the side, and the least value that counts
+    counts                  (3,)            of a thread; the last is its largest share
+    room                    (8 * n + 2,)    own, begin, count and index; then `of` of a thin grid
+    rows                    ((2^(n - 1) + 2) * (block + 2),)  a row for every corner, and one more
 """
 
 # ruff: noqa: F403, F405

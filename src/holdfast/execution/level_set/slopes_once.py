@@ -1,6 +1,12 @@
 """The nodes on either side of a run, for a scheme that has one slope of every interval.
 
-`own` has two rows of nodes for each axis.
+All arrays have one dimension; n is the number of axes:
+
+    values                  (size,)             nodes of the grid, the last axis is the fastest
+    own                     (2 * n * PITCH,)    two rows of nodes for each axis
+    places                  (SLOPES + 4 * n,)   addresses; from SLOPES on two for each axis
+    kept, strides, within   (n,)                not read: no slopes are kept
+    falls                   (4 * n,)            as `stencils.py` says
 """
 
 # ruff: noqa: F403, F405

@@ -7,7 +7,21 @@ axis those above a place are kept for the next place.
 `own` has for each axis the slopes at the upper and at the lower ends of intervals, then rows of
 nodes, then the slopes of places that are kept. `kept` says of each axis where these begin, then
 where the units begin that they belong to; the units follow. If `plain` is 1, and not 0, the plain
-differences of intervals are next to all slopes, and those for the nodes below.
+differences of intervals are next to all slopes, and those for the nodes below. All arrays have one
+dimension; n is the number of axes:
+
+    values, source     (size,)      nodes of the grid, the last axis is the fastest
+    own                ((2 + 2 * plain) * ENDS * n + GATHERED + places kept,)
+    ends               (2 * ENDS,)  slopes at upper ends, from ENDS on at lower ones; then plain
+    rows, line         (GATHERED,)  a run of nodes of each of several places; a row of the last axis
+    at                 (2 * ghosts + 1,)      where the runs around a place begin
+    kept               (2 * n + 2 + units,)   beginnings in `own`; beginnings of units; units
+    strides, within    (n,)         nodes and units of a place along each axis
+    places             (SLOPES + 4 * n + 8,)  addresses; from SLOPES on two for each axis
+    falls              (4 * n,)     as `stencils.py` says
+
+ENDS has a run, the interval before its first node, and what a register takes beyond it, of two
+places at once; GATHERED has a run and three nodes on either side of each of its places.
 """
 
 # ruff: noqa: F403, F405

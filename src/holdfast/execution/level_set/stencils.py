@@ -1,6 +1,17 @@
 """Runs of nodes of a grid: their neighbours along an axis, and what is to be computed again.
 
-This file and the others of a sweep are scalar functions (`codegen/scalar_reader.py`), joined.
+This file and the others of a sweep are scalar functions (`codegen/scalar_reader.py`), joined. All
+arrays have one dimension; n is the number of axes:
+
+    values          (size,)          nodes of the grid, the last axis is the fastest
+    target          (to + count,)
+    falls           (4 * n,)         of each axis at its lower, then its upper end; then `lowest` so
+    shape           (n,)
+    places          (n * pitch,)     for every axis, at which place of it the reflected node is
+    chosen          (many_chosen,)   places along an axis
+    turn, own, other    (1,)         counters of threads
+    slices          (parts + 1,)     the places that slices begin at, and the end
+    marks, flags    (units,)
 """
 
 # ruff: noqa: F821

@@ -4,6 +4,28 @@ It knows no program: `stage_leaf.py` and `stage_leaf.py` have what belongs to on
 number of nodes, several rows of the last axis or a stretch of one; it is computed, or skipped where
 nothing that it depends on has changed since it was computed last. Units that follow one another are
 a run, which is computed in one go. A block is what belongs to a place of all axes but the last two.
+All arrays have one dimension; n is the number of axes, and `SweepCode.room` has the sizes of rooms:
+
+    turn                        (1,)                 of the slices the next that no thread has
+    slices                      (slice_count + 1,)   the places that they begin at, and the end
+    counts                      (3,)
+    values, base, out, before   (size,)              nodes, the last axis is the fastest
+    active, marks               (units,)             flags: computed in this stage, in the next
+    own                         (own_count * units,) flags of the stages after the next
+    shape, kinds, index         (n,)
+    cut                         (4,)                 of `layout`
+    leaves, sizes               (4,), (6,)
+    u                           (1 + parameters + n,)
+    numbers                     (FALLS + 4 * n,)     in the order of `names_of_numbers`
+    axes                        (n * axis_pitch,)    the nodes of every axis
+    axis                        (nodes,)             those of the last
+    bits                        (WORDS,)             one for each node of a run
+    wholes                      (SLOPES + 2 * WORDS + 9 * n + 10 + units kept,)
+    reals                       ((n + of_row + outer) * PITCH + ...,)
+    held                        ((stretches * along + of_row + ARRAYS + 1) * PITCH + slopes,)
+    rows, room, work, table     (rows * PITCH,)      parts of `reals` and `held`
+
+Rows are PITCH apart, and not RUN, since a register that begins within a run may end beyond it.
 """
 
 # ruff: noqa: F403, F405
