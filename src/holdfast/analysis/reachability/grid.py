@@ -89,11 +89,14 @@ class Axis:
 
     @property
     def nodes(self) -> npt.NDArray[np.float64]:
+        """The states at the nodes, in the unit of the state, shape (count,)."""
         return self.low + self.step * np.arange(self.count, dtype=np.float64)
 
     @property
     def reflected(self) -> npt.NDArray[np.int64]:
         """The index of the node whose state is -1 times that of this one.
+
+        The shape is (count,).
 
         Raises `SimulationError` if it does not exist.
         """

@@ -507,6 +507,8 @@ def touched(values: npt.NDArray[np.floating], ends: tuple[bool, bool]) -> Ends:
     What is positive by less than `ON_END` of the largest change to the next plane is zero but for
     rounding, as in `beyond` of `stencils.py`. ends: whether the first and the last of these are
     ends of the grid.
+
+    values: shape (some of the first axis, nodes of the others, ...).
     """
 
     def reaches(i: int, end: int) -> bool:

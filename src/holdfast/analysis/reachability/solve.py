@@ -696,6 +696,7 @@ class Kept:
     def __init__(
         self, grid: Grid, states: npt.ArrayLike = (), regions: Sequence[Region] = ()
     ) -> None:
+        """states: shape (count, states)."""
         self.states = np.asarray(states, dtype=np.float64).reshape(-1, len(grid.axes))
         self.nodes: npt.NDArray[np.bool_] = np.zeros(grid.shape, dtype=bool)
         for region in regions:

@@ -152,7 +152,10 @@ class StoredValues:
         return out[tuple(0 if w else slice(None) for w in whole)]
 
     def take(self, nodes: Whole) -> AnyArray:
-        """The entries of these numbers in the order of the array."""
+        """The entries of these numbers in the order of the array.
+
+        Both have the shape (nodes,).
+        """
         places = np.stack(np.unravel_index(nodes, self.shape), axis=1)
         chunks = np.array(self.chunks)
         counts = [-(-n // c) for n, c in zip(self.shape, self.chunks, strict=True)]
@@ -167,7 +170,8 @@ class StoredValues:
         return out
 
     def entries(self, first: tuple[Key, ...]) -> AnyArray:
-        """All entries below these along the first axes, past the chunks that are kept."""
+        """All entries below these along the first axes, past the chunks that are kept, shape (rest
+        of the axes, ...)."""
         rest = self.shape[len(first) :]
         return self._from_file((*first, *(slice(0, n) for n in rest)))
 
@@ -281,19 +285,20 @@ class Part:
         self.dtype = of(np.zeros(1, stored.dtype)).dtype
 
     def take(self, nodes: npt.NDArray[np.int64]) -> AnyArray:
-        """The entries of these numbers."""
+        """The entries of these numbers; both have the shape (nodes,)."""
         return self.of(self.stored.take(nodes + sum(self._first) * self.size))
 
     def all(self) -> AnyArray:
-        """All entries in one row, past the chunks that are kept."""
+        """All entries in one row, past the chunks that are kept, shape (entries,)."""
         return self.of(self.stored.entries(self._first).reshape(-1))
 
     def in_turn(self) -> Iterator[AnyArray]:
-        """All entries in rows, one slab after the other."""
+        """All entries in rows, one slab after the other, each of the shape (some entries,)."""
         return (slab.reshape(-1) for slab in self.slabs())
 
     def slabs(self) -> Iterator[AnyArray]:
-        """The entries in parts along the first axis: one layer of chunks at a time."""
+        """The entries in parts along the first axis: one layer of chunks at a time: (some of the
+        first axis, nodes of the others, ...)."""
         axis = len(self._first)
         n, some = self.stored.shape[axis], self.stored.chunks[axis]
         for k in range(0, n, some):

@@ -89,7 +89,10 @@ class Places:
         return int(self._ends[-1])
 
     def at(self, ranks: Indices) -> tuple[Indices, ...]:
-        """The nodes of these ranks, as an index for every axis."""
+        """The nodes of these ranks, as an index for every axis.
+
+        ranks: shape (places,), as each index.
+        """
         outer = np.searchsorted(self._ends, ranks, side="right")
         inner = np.empty(len(ranks), dtype=np.intp)
         for k in np.unique(outer):
@@ -106,7 +109,11 @@ def dataset_of(
     times: Sequence[float] | None,
     arrival: npt.NDArray[Any] | None,
 ) -> xr.Dataset:
-    """The arrays with names and units; `values` of several times has time first."""
+    """The arrays with names and units; `values` of several times has time first.
+
+    The shape is (times, nodes of the first axis, nodes of the second, and so on), arrival [s]
+    without times.
+    """
     names = [a.name for a in grid.axes]
     unit = report.value_unit
     coordinates: dict[str, Any] = {
@@ -187,6 +194,8 @@ def share_inside(values: Array, periodic: Sequence[bool]) -> float:
 
     which is exact for a boundary normal to an axis, and correct on average over many cells for any
     other plane.
+
+    values: shape (nodes of the first axis, nodes of the second, and so on).
     """
     outer = 0  # axes traversed cell by cell
     while outer < values.ndim - 1 and math.prod(values.shape[outer:]) * 2**outer > TOGETHER:
@@ -310,7 +319,10 @@ def _depths(values: Array, periodic: Sequence[bool], near: Truths) -> Array:
 
 
 def between(rough: Array, periodic: Sequence[bool]) -> Array:
-    """Values on a grid at the nodes of one with half the cells, linear between its nodes."""
+    """Values on a grid at the nodes of one with half the cells, linear between its nodes.
+
+    n nodes of an axis (nodes of the first, and so on) become 2 n - 1, or 2 n of a periodic one.
+    """
     for i, around in enumerate(periodic):
         rows = np.moveaxis(rough, i, 0)
         after = np.roll(rows, -1, axis=0) if around else rows[1:]
@@ -321,7 +333,10 @@ def between(rough: Array, periodic: Sequence[bool]) -> Array:
 
 
 def beside(values: Array, periodic: Sequence[bool]) -> Truths:
-    """The nodes that have one of the other side among themselves and their neighbours."""
+    """The nodes that have one of the other side among themselves and their neighbours.
+
+    Both have the shape (nodes of the first axis, nodes of the second, and so on).
+    """
     inside = values > 0
     other: Truths = _spread(inside, periodic, np.minimum) != _spread(inside, periodic, np.maximum)
     return other
@@ -453,7 +468,10 @@ class ValueFunction:
 
     @checked
     def values(self, time: float | None = None) -> DoubleArray:
-        """The values at the nodes, at the end or at one of the requested times."""
+        """The values at the nodes, at the end or at one of the requested times.
+
+        The shape is (nodes of the first axis, nodes of the second, and so on).
+        """
         number = self._number(time)
         data = self.dataset["value"]
         data = data if number is None else data.isel(time=number)
@@ -509,7 +527,10 @@ class ValueFunction:
     def contains(
         self, states: npt.ArrayLike, margin: float = 0.0, time: float | None = None
     ) -> npt.NDArray[np.bool_]:
-        """Whether V > margin, at the end or at one of the requested times; not outside the grid."""
+        """Whether V > margin, at the end or at one of the requested times; not outside the grid.
+
+        states: shape (count, states). The answers have the shape (count,).
+        """
         inside: npt.NDArray[np.bool_] = self.at(states, time) > margin
         return inside
 
@@ -644,19 +665,25 @@ class ValueFunction:
         return points
 
     def table(self, time: float | None = None) -> AnyArray | TableInParts:
-        """The values at the nodes in one row, for `execution.interpolate`."""
+        """The values at the nodes in one row, for `execution.interpolate`, shape (nodes,)."""
         if self.stored is None:
             return np.ascontiguousarray(self.values(time)).ravel()
         return self.stored.table(self._number(time))
 
     def layers(self, time: float | None) -> DoubleArray | Layers:
-        """The values at a time, by layer along the first axis and by places."""
+        """The values at a time, by layer along the first axis and by places.
+
+        The shape is (nodes of the first axis, nodes of the second, and so on).
+        """
         if self.stored is None:
             return self.values(time)
         return Layers(self.stored.values, self._number(time))
 
     def law_table(self, *, all_times: bool) -> AnyArray | TableInParts:
-        """The values of all times, or of the last, in one row: a table of its own for a law."""
+        """The values of all times, or of the last, in one row: a table of its own for a law.
+
+        The shape is (times * nodes,), or (nodes,) of the last.
+        """
         if self.stored is not None:
             return self.stored.of_law(None if all_times else self._number(None))
         table = self.dataset["value"].values if all_times else self.values()
@@ -706,7 +733,10 @@ def to_value_function(
     times: Sequence[float] | None = None,
     arrival: npt.NDArray[Any] | None = None,
 ) -> ValueFunction:
-    """The dataset of the arrays with names and units; `values` of several times has time first."""
+    """The dataset of the arrays with names and units; `values` of several times has time first.
+
+    As `dataset_of`: (times, nodes of the first axis, nodes of the second, and so on).
+    """
     return ValueFunction(dataset_of(grid, values, report, times, arrival), grid)
 
 

@@ -85,6 +85,7 @@ class Programmed:
         self.begin, self.end = programs.begin, programs.end
 
     def command(self, t: float, states: Array, alive: Alive) -> Array:
+        """As `Commander.command`: states (runs, states), alive (runs,), commands (runs, inputs)."""
         measured = states[:, : len(self.programs.states)]  # not what the lag of actuators adds
         return np.array(self.programs.answers(t, measured.tolist(), alive.tolist()))
 
