@@ -20,6 +20,7 @@ Python run the same text. All arrays have one dimension; m is the number of inpu
     out                                    (number * (m + 1),) of each the input and the shortfall
     ends                                   (levels,)           where each level of conditions ends
     room                                   (numbers_of_search,)
+    rows                                   (rows * (m + 1),)   as constraints, with those of moves
     whole                                  (2 * axes,)         the nodes below, and those above
     own, counts                            (numbers of `keep_within`,)
 

@@ -171,8 +171,9 @@ class Fitted:
 class Problem:
     """Windows, the unknown numbers that all share, and those that each has for itself.
 
-    given: the value of every unknown number of the motion, a first guess of the estimated ones.
-    shared, local: which of them (by number) are estimated for all windows, or for each.
+    given: the value of every unknown number of the motion, a first guess of the estimated ones,
+    shape (unknown,). shared, local: which of them (by number) are estimated for all windows, or
+    for each.
     """
 
     def __init__(

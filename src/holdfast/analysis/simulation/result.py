@@ -187,7 +187,7 @@ class Result:
         return vertices
 
     def final_errors(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-        """The final error of every run from the reference, by state (run); NaN if it diverged."""
+        """The final error from the reference by state, shape (runs,); NaN where a run diverged."""
         errors = {}
         names = [str(n) for n in self.arrays["state_name"].values]
         for name, value in (self.reference or {}).items():

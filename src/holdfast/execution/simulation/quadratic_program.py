@@ -17,6 +17,7 @@ run the same text. All arrays have one dimension; m is the number of inputs:
     inner, plane                      (count * wide,)    as rows; the rows of a basis
     a, b, normal, base, x             (m,)
     small                             (6,)               of a line: base, direction, interval
+    along, found                      (2,)               of such a line; lowest and highest
     ends                              (levels,)          where each level of conditions ends
     hard                              (number,)
     out                               (number * (m + 1),)

@@ -34,10 +34,11 @@ def margin_figure(
 ) -> Figure:
     """The share of the box in the kernel over the tried bounds of a disturbance.
 
-    values: the bounds tried, in `unit`, in any order; fractions: of the box in the kernel of each,
-    0 to 1; threshold: at or below this share a kernel counts as empty. The limit lies between the
-    largest bound that leaves a kernel and the least that leaves none (shaded). name: of the
-    disturbance or its bound. answers: of every bound, if the shares do not determine them. keeps:
+    values: the bounds tried, in `unit`, in any order, shape (bounds,); fractions: of the box in the
+    kernel of each, 0 to 1, shape (bounds,); threshold: at or below this share a kernel counts as
+    empty. The limit lies between the largest bound that leaves a kernel and the least that leaves
+    none (shaded). name: of the disturbance or its bound. answers: of every bound, if the shares do
+    not determine them. keeps:
     the question is whether states are kept; the share is then NaN for a bound that loses them.
 
     Raises `OutputError` unless there are as many shares as bounds, and at least one of each.
