@@ -15,7 +15,7 @@ from .analysis.certificates.largest import LargestCertified as LargestCertified
 from .analysis.certificates.law_keeps import LawJudgement as LawJudgement
 from .analysis.certificates.law_keeps import Leaving as Leaving
 from .analysis.certificates.law_keeps import judge_law as judge_law
-from .analysis.certificates.outer_cells import OuterSet as OuterSet
+from .analysis.certificates.outer_set import OuterSet as OuterSet
 from .analysis.certificates.outer_set import outer_set as outer_set
 from .analysis.certificates.reading import read_certificate as read_certificate
 from .analysis.decomposition.decompose import decompose as decompose

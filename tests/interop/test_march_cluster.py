@@ -17,7 +17,6 @@ from tests.divided_marches import basin, kernel, same
 
 distributed = pytest.importorskip("distributed")
 
-from holdfast.interop import cluster as connections  # noqa: E402
 from holdfast.interop import march_cluster as module  # noqa: E402
 from holdfast.interop.march_cluster import march_cluster  # noqa: E402
 
@@ -74,7 +73,7 @@ def test_clusters_that_cannot_be_used_are_refused():
 
 def test_a_server_of_another_kind_is_not_waited_for(monkeypatch):
     """As that of the dashboard of a scheduler."""
-    monkeypatch.setattr(connections, "CONNECTION_TIMEOUT", "0.2s")
+    monkeypatch.setattr(module, "CONNECTION_TIMEOUT", "0.2s")
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         said = "what answers there is no server of Dask; expected the address of a scheduler"

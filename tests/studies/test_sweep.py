@@ -482,9 +482,9 @@ def test_on_a_cluster_the_same_bit_for_bit_though_a_worker_is_killed(cart, here,
 
 def test_a_cluster_that_is_not_there_is_told(monkeypatch):
     distributed = pytest.importorskip("distributed")
-    from holdfast.interop import cluster
+    from holdfast.interop import march_cluster
 
-    monkeypatch.setattr(cluster, "CONNECTION_TIMEOUT", "1s")
+    monkeypatch.setattr(march_cluster, "CONNECTION_TIMEOUT", "1s")
     with (
         pytest.raises(ScenarioError, match=r"--cluster tcp://127\.0\.0\.1:9"),
         cluster_executor("tcp://127.0.0.1:9"),
