@@ -133,11 +133,9 @@ def padded(count: int) -> int:
 
 
 def columns(rows: Array, stride: int) -> Array:
-    """Points, one a row, as columns; the places that are left are repetitions of the last.
-
-    rows: shape (points, numbers). The columns have the shape (numbers, stride): a row of the leaf's
-    argument is one number at all points, so that a vector register takes several points.
-    """
+    """Points, one a row, as columns; the places that are left are repetitions of the last. rows:
+    shape (points, numbers). The columns have the shape (numbers, stride): a row of the leaf's
+    argument is one number at all points, so that a vector register takes several points."""
     out = np.empty((rows.shape[1], stride))
     out[:, : len(rows)] = rows.T
     out[:, len(rows) :] = rows[-1][:, np.newaxis]

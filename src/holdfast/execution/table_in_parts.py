@@ -81,10 +81,8 @@ class TableInParts:
         return self.source.size * self.dtype.itemsize
 
     def whole(self) -> AnyArray:
-        """All numbers in memory; `SimulationError` where they do not fit.
-
-        Their shape is (numbers,).
-        """
+        """All numbers in memory; `SimulationError` where they do not fit. Their shape is
+        (numbers,)."""
         with self._loading:
             if self._whole is None:
                 check_memory(
@@ -96,17 +94,13 @@ class TableInParts:
             return self._whole
 
     def values_at(self, points: Array, grid: tuple[AnyArray, ...]) -> Array:
-        """`look_up.values_at`, of which it fetches what it needs.
-
-        points: shape (count, axes). The values have the shape (count,).
-        """
+        """`look_up.values_at`, of which it fetches what it needs. points: shape (count, axes). The
+        values have the shape (count,)."""
         return self._found("interpolate_many", points, grid, sloped=False)
 
     def slopes_at(self, points: Array, grid: tuple[AnyArray, ...]) -> Array:
-        """`look_up.slopes_at`, of which it fetches what it needs.
-
-        points: shape (count, axes), as the slopes.
-        """
+        """`look_up.slopes_at`, of which it fetches what it needs. points: shape (count, axes), as
+        the slopes."""
         return self._found("slopes_many", points, grid, sloped=True)
 
     def fetch(self, points: Array, grid: tuple[AnyArray, ...], *, sloped: bool) -> None:
@@ -132,10 +126,8 @@ class TableInParts:
             self._pages += int(np.count_nonzero(np.diff(missing * size // PAGE))) + 1
 
     def fetch_looked_up(self, points: Array, grid: tuple[AnyArray, ...]) -> None:
-        """`fetch` of what a law looks up: the value and the slopes at the nearest places.
-
-        points: shape (count, axes). grid: four arrays of the shape (axes,).
-        """
+        """`fetch` of what a law looks up: the value and the slopes at the nearest places. points:
+        shape (count, axes). grid: four arrays of the shape (axes,)."""
         low, steps, shape, periodic = grid
         ends = low + steps * (np.asarray(shape) - 1)
         nearest = np.minimum(np.maximum(points, low), ends)

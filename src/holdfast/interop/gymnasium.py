@@ -87,9 +87,7 @@ class Environment(gymnasium.Env[Array, Array]):
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """The state after one sample of the action, the reward, and whether the episode is over.
-
-        action: shape (actuators,), each from -1 to 1. The state has the shape (states,).
-        """
+        action: shape (actuators,), each from -1 to 1. The state has the shape (states,)."""
         share = (np.clip(action, -1.0, 1.0) + 1.0) / 2.0
         held = self.low + share * (self.high - self.low)
         h, left = self.sample_time / self.substeps, False

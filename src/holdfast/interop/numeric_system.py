@@ -45,10 +45,8 @@ class Numeric:
         return Evaluator(rates, moving, s.parameters)
 
     def rates(self, row: Array, parameters: Mapping[str, float] | None = None) -> Array:
-        """The rates at one row of states, actuators, disturbances and t.
-
-        row: shape (states + actuators + disturbances + 1,). The rates have the shape (states,).
-        """
+        """The rates at one row of states, actuators, disturbances and t. row: shape (states +
+        actuators + disturbances + 1,). The rates have the shape (states,)."""
         derivative: Array = self._rates.values(row[np.newaxis], parameters)[0]
         return derivative
 
@@ -64,10 +62,8 @@ class Numeric:
         return produced
 
     def limits(self) -> tuple[Array, Array]:
-        """The least and the largest of every actuator; `DefinitionError` for other bounds.
-
-        Both have the shape (actuators,).
-        """
+        """The least and the largest of every actuator; `DefinitionError` for other bounds. Both
+        have the shape (actuators,)."""
         bounds = self.system.actuator_bounds
         if not isinstance(bounds, Box):
             raise DefinitionError(

@@ -133,10 +133,8 @@ class PlanarMotion:
         )
 
     def speed(self, state: Array, input: Array, pushed: Array) -> tuple[float, float]:
-        """The velocity along x and y [m/s].
-
-        state: shape (states,). input: shape (inputs,). pushed: shape (disturbances,).
-        """
+        """The velocity along x and y [m/s]. state: shape (states,). input: shape (inputs,). pushed:
+        shape (disturbances,)."""
         row = np.concatenate([state, input, pushed])[np.newaxis]
         velocity = self._moving.values(row)[0]
         return float(velocity[0]), float(velocity[1])

@@ -134,10 +134,8 @@ class Environment:
         return inner, border
 
     def room(self, places: Array) -> Array:
-        """The clearance of robots at places (..., 2) to the walls; negative inside a wall.
-
-        The clearances have the shape (...,) in m.
-        """
+        """The clearance of robots at places (..., 2) to the walls; negative inside a wall. The
+        clearances have the shape (...,) in m."""
         inner, border = self._roomy
         x, y = places[..., 0], places[..., 1]
         gap = shapely.distance(shapely.points(x, y), border)

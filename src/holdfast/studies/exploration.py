@@ -386,10 +386,8 @@ def of_loop(
 
 
 def first_starts(loaded: Scenario) -> tuple[Array, Array]:
-    """The first starts of the scenario, and what is drawn for each of these runs.
-
-    The shapes are (runs, states) and (runs, draws).
-    """
+    """The first starts of the scenario, and what is drawn for each of these runs. The shapes are
+    (runs, states) and (runs, draws)."""
     count, step = min(loaded.runs, FAN), loaded.settings["sample_time"]
     brief = loaded.with_settings(horizon=step, record_every=step, delay=0.0)
     arrays = brief.run(part=range(count) if loaded.independent_runs else None).arrays

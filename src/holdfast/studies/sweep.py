@@ -131,10 +131,8 @@ def grid_cells(axes: Sequence[Over]) -> Array:
 
 
 def latin_cells(axes: Sequence[Over], count: int, seed: int) -> Array:
-    """A Latin hypercube: each name's range in `count` slices, one cell in each of them.
-
-    The shape is (cells, names).
-    """
+    """A Latin hypercube: each name's range in `count` slices, one cell in each of them. The shape
+    is (cells, names)."""
     from scipy.stats import qmc
 
     if not 2 <= count <= MOST_CELLS:

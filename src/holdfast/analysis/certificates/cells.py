@@ -207,9 +207,8 @@ class Kept:
         *, target: bool = False,
     ) -> Kept:  # fmt: skip
         """Members are the cells of the entries that last longest; with a target, of all entries.
-
-        entries: rows of cell, input and level, shape (entries, 3). region: cells, shape (cells,).
-        """
+        entries: rows of cell, input and level, shape (entries, 3). region: cells, shape
+        (cells,)."""
         final = entries if target else entries[entries[:, 2] == (holds or 0)]
         members, rows = halvings.spread(final[:, 0])
         order = np.argsort(members, kind="stable")

@@ -166,11 +166,9 @@ class Images:
 def where(
     sure: Callable[[Array, Array], Truths], cells: Cells, among: Wholes | None = None
 ) -> Wholes:
-    """Numbers of the cells all over which something is sure, of all or among some.
-
-    sure: of the lower and upper corners of boxes, shape (boxes, states). among, as the result:
-    shape (cells,).
-    """
+    """Numbers of the cells all over which something is sure, of all or among some. sure: of the
+    lower and upper corners of boxes, shape (boxes, states). among, as the result: shape
+    (cells,)."""
     among = np.arange(cells.total) if among is None else among
     blocks = [among[:0]]
     for begin in range(0, len(among), BLOCK):

@@ -257,10 +257,8 @@ class Leads:
     usable: Truths
 
     def surely(self, cells: Cells, members: list[Truths]) -> Truths:
-        """Which lead into a set: of each mode whether a cell is a member.
-
-        members: of each mode, shape (cells,). The answers have the shape (leads,).
-        """
+        """Which lead into a set: of each mode whether a cell is a member. members: of each mode,
+        shape (cells,). The answers have the shape (leads,)."""
         sure = self.usable.copy()
         for mode, marks in enumerate(members):
             some = np.flatnonzero(sure & (self.to == mode))

@@ -174,10 +174,8 @@ def even_cells(value: SetOnGrid, counts: Mapping[str, int]) -> Cells:
 def free_flow(
     system: System, regions: tuple[Region, ...], hold: float, *, back: bool = False
 ) -> tuple[HeldFlow, Callable[[Array, Array], tuple[Array, Array]]]:
-    """Enclosures of the flow with everything free, and of its rates over boxes of states.
-
-    Boxes are their lower and upper corners, shape (boxes, states), as those of the rates.
-    """
+    """Enclosures of the flow with everything free, and of its rates over boxes of states. Boxes are
+    their lower and upper corners, shape (boxes, states), as those of the rates."""
     players = (*system.inputs, *system.disturbances)
     free_system = replace(
         system, inputs=(), input_bounds=None, disturbances=players,

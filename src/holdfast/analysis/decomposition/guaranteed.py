@@ -163,10 +163,8 @@ def _largest(expressions: Sequence[sp.Expr], box: Mapping[sp.Symbol, Interval]) 
 def enclosed(
     expressions: Sequence[sp.Expr], box: Mapping[sp.Symbol, Interval]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The ends of the expressions over one box; NaN where nothing is known.
-
-    Both have the shape (expressions,).
-    """
+    """The ends of the expressions over one box; NaN where nothing is known. Both have the shape
+    (expressions,)."""
     ends = np.array(list(box.values()), dtype=np.float64).reshape(len(box), 2)
     low, high = Enclosure(list(expressions), list(box)).over(ends[None, :, 0], ends[None, :, 1])
     return low[0], high[0]

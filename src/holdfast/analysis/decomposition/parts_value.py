@@ -216,10 +216,8 @@ class PartsValue:
     def contains(
         self, states: npt.ArrayLike, margin: float = 0.0, time: float | None = None
     ) -> Truths:
-        """Whether V > margin; a state outside a grid or the domain is not contained.
-
-        states: shape (count, states). The answers have the shape (count,).
-        """
+        """Whether V > margin; a state outside a grid or the domain is not contained. states: shape
+        (count, states). The answers have the shape (count,)."""
         inside: Truths = self.at(states, time) > margin
         return inside
 

@@ -382,10 +382,8 @@ def to_hold(groups: Sequence[tuple[str, ...]], order: Sequence[str]) -> dict[str
 
 
 def not_seen(information: Array, scale: Array, names: Sequence[str], vague: float) -> list[str]:
-    """Numbers of which the deviation is more than `vague` sizes, the vaguest first.
-
-    information: shape (numbers, numbers). scale: shape (numbers,).
-    """
+    """Numbers of which the deviation is more than `vague` sizes, the vaguest first. information:
+    shape (numbers, numbers). scale: shape (numbers,)."""
     left = list(range(len(names)))
     dropped: list[str] = []
     while left:
@@ -400,10 +398,8 @@ def not_seen(information: Array, scale: Array, names: Sequence[str], vague: floa
 
 
 def deviations(information: Array) -> Array:
-    """The deviation of each number for this information; infinite where there is none.
-
-    information: shape (numbers, numbers). The deviations have the shape (numbers,).
-    """
+    """The deviation of each number for this information; infinite where there is none. information:
+    shape (numbers, numbers). The deviations have the shape (numbers,)."""
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0, scale, 1.0)
     both = np.outer(scale, scale)

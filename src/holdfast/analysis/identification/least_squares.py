@@ -192,10 +192,8 @@ class Problem:
             raise SimulationError(f"{int((counts == 0).sum())} windows have no measurement")
 
     def first_local(self) -> Array:
-        """A first guess: the measured states at the beginning of each window, and zero else.
-
-        The shape is (windows, states + local numbers).
-        """
+        """A first guess: the measured states at the beginning of each window, and zero else. The
+        shape is (windows, states + local numbers)."""
         w = self.windows
         guess = np.zeros((w.count, self.shooting.states + len(self.local)))
         for k, name in enumerate(self.shooting.motion.names):
@@ -212,11 +210,9 @@ class Problem:
         return sums
 
     def predict(self, shared: Array, local: Array) -> tuple[Predicted, Array, Array]:
-        """The prediction, and its slopes by the local and by the shared numbers.
-
-        shared: shape (shared,). local: shape (windows, states + local). The slopes have the shapes
-        (measurements, states + local) and (measurements, shared).
-        """
+        """The prediction, and its slopes by the local and by the shared numbers. shared: shape
+        (shared,). local: shape (windows, states + local). The slopes have the shapes
+        (measurements, states + local) and (measurements, shared)."""
         n = self.shooting.states
         unknown = np.repeat(self.given[None, :], self.windows.count, axis=0)
         unknown[:, self.shared] = shared

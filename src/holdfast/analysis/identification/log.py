@@ -204,10 +204,8 @@ def huber_weights(ratio: Array) -> Array:
 
 
 def deviations(w: Windows, residual: Array, signals: int, fitted_numbers: int) -> Array:
-    """The noise of each signal, from the median of its residuals, for the numbers fitted.
-
-    residual: shape (measurements,). The noise has the shape (signals,).
-    """
+    """The noise of each signal, from the median of its residuals, for the numbers fitted. residual:
+    shape (measurements,). The noise has the shape (signals,)."""
     free = max(1 - fitted_numbers / len(w.value), 0.1)
     each = [1.4826 * float(np.median(np.abs(residual[w.signal == k]))) for k in range(signals)]
     return np.array(each) / np.sqrt(free)

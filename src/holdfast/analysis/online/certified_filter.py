@@ -72,11 +72,8 @@ class Filtered:
         self._wished = lambda t, q: samples.answers(t, q)[:, samples.rows.command]
 
     def command(self, t: float, states: Array, alive: Alive) -> Array:
-        """The filtered command of every run, at the states that are measured.
-
-        states: shape (runs, states). alive: shape (runs,). The commands have the shape (runs,
-        inputs).
-        """
+        """The filtered command of every run, at the states that are measured. states: shape (runs,
+        states). alive: shape (runs,). The commands have the shape (runs, inputs)."""
         due = self._sample * self.keep.sample_time
         if not abs(t - due) <= 1e-6 * self.keep.sample_time * (1 + self._sample):
             raise SimulationError(

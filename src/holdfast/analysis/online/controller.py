@@ -102,11 +102,9 @@ class Measurements:
         disturbances: npt.ArrayLike | None,
         commands: npt.ArrayLike | None = None,
     ) -> Array:
-        """Rows for many vehicles: arrays with a row for each of them.
-
-        states: shape (count, states). disturbances: shape (count, disturbances). commands: shape
-        (count, inputs). The rows have the shape (count, numbers).
-        """
+        """Rows for many vehicles: arrays with a row for each of them. states: shape (count,
+        states). disturbances: shape (count, disturbances). commands: shape (count, inputs). The
+        rows have the shape (count, numbers)."""
         groups: list[tuple[str, Any, slice | list[int], tuple[str, ...]]]
         groups = [("states", states, self._states, self.states)]
         if self.disturbances:

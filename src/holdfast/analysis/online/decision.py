@@ -133,11 +133,8 @@ class Decision:
 
     @property
     def conditions(self) -> Array:
-        """Of every condition sum_i n_i u_i <= b: the n_i and b in turn; then the scales.
-
-        The shape is (conditions * (inputs + 1) + inputs,): one row for all, as the program leaves
-        it.
-        """
+        """Of every condition sum_i n_i u_i <= b: the n_i and b in turn; then the scales. The shape
+        is (conditions * (inputs + 1) + inputs,): one row for all, as the program leaves it."""
         return self._row[self._rows.conditions]
 
     def __deepcopy__(self, memo: object) -> Decision:

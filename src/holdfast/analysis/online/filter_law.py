@@ -221,10 +221,8 @@ def _kernel(system: System, part: Any, count: int) -> KeptKernel:
 
 
 def fallback_of(system: System, fallback: Sequence[float] | None) -> tuple[Array, Array]:
-    """The input, within its bounds, that is applied where nothing is known; its actuators.
-
-    The shapes are (inputs,) and (actuators,).
-    """
+    """The input, within its bounds, that is applied where nothing is known; its actuators. The
+    shapes are (inputs,) and (actuators,)."""
     names = system.input_names
     wanted = np.zeros(len(names)) if fallback is None else np.asarray(fallback, dtype=np.float64)
     if wanted.shape != (len(names),) or not np.isfinite(wanted).all():
@@ -325,10 +323,8 @@ class Forecast:
         )
 
     def motion(self, state: Array, held: Sequence[float]) -> tuple[Array, Array, float, int]:
-        """Times, states, the time at which the region is left (NaN: not), and by which c_j.
-
-        state: shape (states,). The times have the shape (samples,), the states (samples, states).
-        """
+        """Times, states, the time at which the region is left (NaN: not), and by which c_j. state:
+        shape (states,). The times have the shape (samples,), the states (samples, states)."""
         values = dict(zip(self.names, map(float, held), strict=True))
         parameters = tuple(
             replace(p, value=values.get(p.name, p.value)) for p in self._program.parameters

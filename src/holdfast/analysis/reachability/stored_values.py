@@ -152,10 +152,7 @@ class StoredValues:
         return out[tuple(0 if w else slice(None) for w in whole)]
 
     def take(self, nodes: Whole) -> AnyArray:
-        """The entries of these numbers in the order of the array.
-
-        Both have the shape (nodes,).
-        """
+        """The entries of these numbers in the order of the array. Both have the shape (nodes,)."""
         places = np.stack(np.unravel_index(nodes, self.shape), axis=1)
         chunks = np.array(self.chunks)
         counts = [-(-n // c) for n, c in zip(self.shape, self.chunks, strict=True)]

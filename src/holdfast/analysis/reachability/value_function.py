@@ -89,10 +89,8 @@ class Places:
         return int(self._ends[-1])
 
     def at(self, ranks: Indices) -> tuple[Indices, ...]:
-        """The nodes of these ranks, as an index for every axis.
-
-        ranks: shape (places,), as each index.
-        """
+        """The nodes of these ranks, as an index for every axis. ranks: shape (places,), as each
+        index."""
         outer = np.searchsorted(self._ends, ranks, side="right")
         inner = np.empty(len(ranks), dtype=np.intp)
         for k in np.unique(outer):
@@ -109,11 +107,8 @@ def dataset_of(
     times: Sequence[float] | None,
     arrival: npt.NDArray[Any] | None,
 ) -> xr.Dataset:
-    """The arrays with names and units; `values` of several times has time first.
-
-    The shape is (times, nodes of the first axis, nodes of the second, and so on), arrival [s]
-    without times.
-    """
+    """The arrays with names and units; `values` of several times has time first. The shape is
+    (times, nodes of the first axis, nodes of the second, and so on), arrival [s] without times."""
     names = [a.name for a in grid.axes]
     unit = report.value_unit
     coordinates: dict[str, Any] = {
@@ -319,10 +314,8 @@ def _depths(values: Array, periodic: Sequence[bool], near: Truths) -> Array:
 
 
 def between(rough: Array, periodic: Sequence[bool]) -> Array:
-    """Values on a grid at the nodes of one with half the cells, linear between its nodes.
-
-    n nodes of an axis (nodes of the first, and so on) become 2 n - 1, or 2 n of a periodic one.
-    """
+    """Values on a grid at the nodes of one with half the cells, linear between its nodes. n nodes
+    of an axis (nodes of the first, and so on) become 2 n - 1, or 2 n of a periodic one."""
     for i, around in enumerate(periodic):
         rows = np.moveaxis(rough, i, 0)
         after = np.roll(rows, -1, axis=0) if around else rows[1:]
@@ -333,10 +326,8 @@ def between(rough: Array, periodic: Sequence[bool]) -> Array:
 
 
 def beside(values: Array, periodic: Sequence[bool]) -> Truths:
-    """The nodes that have one of the other side among themselves and their neighbours.
-
-    Both have the shape (nodes of the first axis, nodes of the second, and so on).
-    """
+    """The nodes that have one of the other side among themselves and their neighbours. Both have
+    the shape (nodes of the first axis, nodes of the second, and so on)."""
     inside = values > 0
     other: Truths = _spread(inside, periodic, np.minimum) != _spread(inside, periodic, np.maximum)
     return other
@@ -468,10 +459,8 @@ class ValueFunction:
 
     @checked
     def values(self, time: float | None = None) -> DoubleArray:
-        """The values at the nodes, at the end or at one of the requested times.
-
-        The shape is (nodes of the first axis, nodes of the second, and so on).
-        """
+        """The values at the nodes, at the end or at one of the requested times. The shape is (nodes
+        of the first axis, nodes of the second, and so on)."""
         number = self._number(time)
         data = self.dataset["value"]
         data = data if number is None else data.isel(time=number)
@@ -528,9 +517,7 @@ class ValueFunction:
         self, states: npt.ArrayLike, margin: float = 0.0, time: float | None = None
     ) -> npt.NDArray[np.bool_]:
         """Whether V > margin, at the end or at one of the requested times; not outside the grid.
-
-        states: shape (count, states). The answers have the shape (count,).
-        """
+        states: shape (count, states). The answers have the shape (count,)."""
         inside: npt.NDArray[np.bool_] = self.at(states, time) > margin
         return inside
 
@@ -671,19 +658,15 @@ class ValueFunction:
         return self.stored.table(self._number(time))
 
     def layers(self, time: float | None) -> DoubleArray | Layers:
-        """The values at a time, by layer along the first axis and by places.
-
-        The shape is (nodes of the first axis, nodes of the second, and so on).
-        """
+        """The values at a time, by layer along the first axis and by places. The shape is (nodes of
+        the first axis, nodes of the second, and so on)."""
         if self.stored is None:
             return self.values(time)
         return Layers(self.stored.values, self._number(time))
 
     def law_table(self, *, all_times: bool) -> AnyArray | TableInParts:
-        """The values of all times, or of the last, in one row: a table of its own for a law.
-
-        The shape is (times * nodes,), or (nodes,) of the last.
-        """
+        """The values of all times, or of the last, in one row: a table of its own for a law. The
+        shape is (times * nodes,), or (nodes,) of the last."""
         if self.stored is not None:
             return self.stored.of_law(None if all_times else self._number(None))
         table = self.dataset["value"].values if all_times else self.values()
@@ -733,10 +716,8 @@ def to_value_function(
     times: Sequence[float] | None = None,
     arrival: npt.NDArray[Any] | None = None,
 ) -> ValueFunction:
-    """The dataset of the arrays with names and units; `values` of several times has time first.
-
-    As `dataset_of`: (times, nodes of the first axis, nodes of the second, and so on).
-    """
+    """The dataset of the arrays with names and units; `values` of several times has time first. As
+    `dataset_of`: (times, nodes of the first axis, nodes of the second, and so on)."""
     return ValueFunction(dataset_of(grid, values, report, times, arrival), grid)
 
 

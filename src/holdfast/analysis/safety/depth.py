@@ -116,10 +116,8 @@ def outside_states(
     region: Region | None,
     system: System,
 ) -> Array | None:
-    """Random states of the region outside the set, or None if the set covers the region.
-
-    Their shape is (runs, states).
-    """
+    """Random states of the region outside the set, or None if the set covers the region. Their
+    shape is (runs, states)."""
     numbers = value.values()
     symbols = [q.symbol for q in system.states]
     constraints = None if region is None else Evaluator([region.margin], symbols, region.parameters)

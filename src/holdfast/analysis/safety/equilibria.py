@@ -195,9 +195,7 @@ class Search:
 
     def solve(self, disturbance: Mapping[str, float], guesses: list[Array]) -> RestingState:
         """The best within the bounds, else the one that only the bounds of the inputs forbid.
-
-        guesses: states, inputs and a margin, each of the shape (states + inputs + 1,).
-        """
+        guesses: states, inputs and a margin, each of the shape (states + inputs + 1,)."""
         best = self._best(disturbance, guesses, bounded=True)
         if best.exists or best.missing == UNBOUNDED or not len(self.bounds[1]):
             return best

@@ -188,10 +188,8 @@ class Comparison:
         return Rate(int(good[chosen].sum()), int(chosen.sum())) if chosen.any() else None
 
     def detours(self, law: str, case: str) -> Array:
-        """The detours of the rescued runs; empty if no run was rescued.
-
-        Their shape is (rescued runs,).
-        """
+        """The detours of the rescued runs; empty if no run was rescued. Their shape is (rescued
+        runs,)."""
         rows = [self.of(other, case) for other in self.laws]
         lengths = np.array([np.where(t.rescued, t.length, np.inf) for t in rows])
         shortest = np.maximum(lengths.min(axis=0), 0.01)

@@ -51,10 +51,8 @@ def initial_states(
     start_outside: bool,
     part: range | None = None,
 ) -> Array:
-    """The states of the starts, or of a part of them; `SimulationError` for an invalid state.
-
-    The states have the shape (runs, states).
-    """
+    """The states of the starts, or of a part of them; `SimulationError` for an invalid state. The
+    states have the shape (runs, states)."""
     names = system.state_names
     first = part.start if part is not None else 0
     if isinstance(starts, Starts):

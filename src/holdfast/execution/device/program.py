@@ -50,10 +50,8 @@ class Device(Protocol):
         """Refuse arrays beyond the memory of the device."""
 
     def fetched(self, array: Any, out: Array | None = None) -> Array:
-        """The values of an array of the device, on the host; in `out`, if that is given.
-
-        Both have any shape, and the same.
-        """
+        """The values of an array of the device, on the host; in `out`, if that is given. Both have
+        any shape, and the same."""
 
 
 def whole_text(text: str) -> str:

@@ -363,10 +363,8 @@ class LawRanges:
         self._leaves = compiled_leaves(leaves)
 
     def given(self, mode: int, low: Array, high: Array) -> Given:
-        """What the law may give with states measured in boxes, in this mode before the sample.
-
-        low, high: shape (boxes, measured states).
-        """
+        """What the law may give with states measured in boxes, in this mode before the sample. low,
+        high: shape (boxes, measured states)."""
         chunks = list(self._every(mode, self._columns(low, high)))
         m = len(self._inputs)
         if not chunks:

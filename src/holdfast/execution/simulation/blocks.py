@@ -149,9 +149,7 @@ class BlockNumbers:
 
     def set_numbers(self, starts: Array, numbers: Numbers, first: int, of_all: int) -> None:
         """Those of the runs from `first` on, of which the first has the number `of_all` of all.
-
-        starts: shape (runs, states).
-        """
+        starts: shape (runs, states)."""
         runs = slice(first, first + self.runs)
         for name, values, varied, each in (
             ("plant", numbers.plant, numbers.varied_plant, numbers.own_plant),
@@ -228,10 +226,8 @@ class Fetching:
         self.address = address
 
     def in_place_of(self, addresses: npt.NDArray[np.int64], number: int) -> npt.NDArray[np.int64]:
-        """The addresses of what a loop calls, with this one at the place `number`.
-
-        Both have the shape (functions,).
-        """
+        """The addresses of what a loop calls, with this one at the place `number`. Both have the
+        shape (functions,)."""
         replaced = addresses.copy()
         replaced[number] = self.address
         return replaced
@@ -342,10 +338,8 @@ def write_records(
 def write_notes(
     out: Trajectories, rows: Mapping[tuple[str, int], Array], runs: slice, inputs: int
 ) -> None:
-    """What is known of each run at its end. rows[name, k]: the k-th row of a quantity, by run.
-
-    Each row has the shape (runs,).
-    """
+    """What is known of each run at its end. rows[name, k]: the k-th row of a quantity, by run. Each
+    row has the shape (runs,)."""
     outcome, since = rows["outcome", 0].copy(), rows["inside_since", 0]
     outcome[(outcome == Outcome.STAYED) & ~np.isnan(since)] = Outcome.REACHED
     out.outcome[runs] = outcome
@@ -437,9 +431,7 @@ class Blocks(BlockNumbers):
 
     def begin(self, starts: Array, numbers: Numbers, first: int, of_all: int) -> None:
         """Begin the runs from `first` on, of which the first has the number `of_all` of all.
-
-        starts: shape (runs, states).
-        """
+        starts: shape (runs, states)."""
         self.set_numbers(starts, numbers, first, of_all)
         self._call_all(self.functions.begin)
         if not self.program.constraints:
@@ -454,9 +446,7 @@ class Blocks(BlockNumbers):
 
     def advance(self, out: Trajectories, first: int, stop: Whole) -> bool:
         """The next records to the arrays `out` from the run `first` on; whether there are more.
-
-        stop: 1 ends the runs, shape (1,).
-        """
+        stop: 1 ends the runs, shape (1,)."""
         count = self.begin_records()
         ends = self.recorded + count == self.records
         self.s[:, RECORDS] = count - ends

@@ -53,11 +53,8 @@ class Commander(Protocol):
         """Before the first sample of these runs."""
 
     def command(self, t: float, states: Array, alive: Alive) -> Array:
-        """The command of every run, a row each, at the states that are measured.
-
-        states: shape (runs, states). alive: shape (runs,). The commands have the shape (runs,
-        inputs).
-        """
+        """The command of every run, a row each, at the states that are measured. states: shape
+        (runs, states). alive: shape (runs,). The commands have the shape (runs, inputs)."""
 
     def end(self) -> None:
         """After the last sample of the runs, whatever ended them."""
@@ -182,10 +179,8 @@ class ClosedLoop:
     def parameter_array(
         self, overrides: Mapping[str, float] | None = None, sample_time: float = 0.0
     ) -> Array:
-        """The parameter values in order, with some replaced by name; then the sample time.
-
-        The shape is (parameters,), or (parameters + 1,) with the sample time [s].
-        """
+        """The parameter values in order, with some replaced by name; then the sample time. The
+        shape is (parameters,), or (parameters + 1,) with the sample time [s]."""
         values = {p.name: float(p.value) for p in self.program.parameters}
         for name, value in (overrides or {}).items():
             if name not in values:

@@ -48,10 +48,8 @@ class OneRun:
         self.blocks = Blocks(*loop.loop(), loop.program, settings, runs=1)
 
     def sample(self, t: float, state: Array, before: Controller, p: Array) -> Sample:
-        """One control sample as `simulate` computes it; `p` ends with the sample time [s].
-
-        state: shape (states,). p: shape (parameters + 1,).
-        """
+        """One control sample as `simulate` computes it; `p` ends with the sample time [s]. state:
+        shape (states,). p: shape (parameters + 1,)."""
         program, blocks, limited = self.program, self.blocks, self.program.limited
         none = np.empty((1, 0))
         numbers = Numbers(p, p, _NONE, _NONE, none, none, np.zeros((2, len(state))))
@@ -170,10 +168,8 @@ class ControlSamples:
         self.begun = False
 
     def answer(self, t: float, seen: Array) -> Array:
-        """The numbers (see `rows`) at a sample of the one controller, from what it sees.
-
-        seen: shape (measured,). The numbers have the shape (numbers,).
-        """
+        """The numbers (see `rows`) at a sample of the one controller, from what it sees. seen:
+        shape (measured,). The numbers have the shape (numbers,)."""
         w, room, time, pointers = self._one
         room[:] = seen[:, np.newaxis]
         time[:] = t
@@ -190,10 +186,8 @@ class ControlSamples:
         return numbers
 
     def answers(self, t: float, seen: Array) -> Array:
-        """The numbers at a sample of every controller, from what each sees: rows of them.
-
-        seen: shape (count, measured). The rows have the shape (count, numbers).
-        """
+        """The numbers at a sample of every controller, from what each sees: rows of them. seen:
+        shape (count, measured). The rows have the shape (count, numbers)."""
         for i in range(self.width):
             self.blocks.set_runs("seen", seen[:, i], i)
         self._time[:] = t
@@ -228,10 +222,8 @@ class ControlSamples:
 
     @property
     def memory(self) -> Array:
-        """What is remembered of every controller, in the order of the program: rows of it.
-
-        The shape is (count, remembered).
-        """
+        """What is remembered of every controller, in the order of the program: rows of it. The
+        shape is (count, remembered)."""
         width = len(self.program.remembered)
         rows = [self.blocks.of_runs("memory", i) for i in range(width)]
         return np.stack(rows, axis=1) if rows else np.empty((self.count, 0))
@@ -282,11 +274,8 @@ class PlantSamples:
         self._alive, self._outcome = rows("alive")[0, 0], rows("outcome")[0, 0]
 
     def after(self, t: float, state: Array, command: Array, disturbance: Array) -> Array:
-        """The state after a sample with these held; NaN where it diverges.
-
-        state: shape (states,), as what comes after. command: shape (inputs,). disturbance: shape
-        (disturbances,).
-        """
+        """The state after a sample with these held; NaN where it diverges. state: shape (states,),
+        as what comes after. command: shape (inputs,). disturbance: shape (disturbances,)."""
         self._alive[0], self._outcome[:] = 1.0, Outcome.STAYED
         self._q[:], self._handed[:] = state[:, np.newaxis], command[:, np.newaxis]
         self._plant[self._given] = disturbance[:, np.newaxis]

@@ -182,10 +182,8 @@ class Trajectories:
 
 
 def blank(program: ClosedLoopProgram, settings: Settings, varied: Array) -> Trajectories:
-    """What runs fill; varied: what each of them has values of its own for.
-
-    varied: shape (runs, quantities).
-    """
+    """What runs fill; varied: what each of them has values of its own for. varied: shape (runs,
+    quantities)."""
     runs, n, watch = len(varied), len(program.states), len(program.constraints)
     stride = settings.stride
     rows = settings.samples // stride + 1

@@ -30,10 +30,8 @@ class Tableau:
         return self.b_low is not None
 
     def weights(self) -> npt.NDArray[np.float64]:
-        """The rows of a, then b, b - b_low and c, each with an entry for every stage.
-
-        The shape is (stages + 3, stages).
-        """
+        """The rows of a, then b, b - b_low and c, each with an entry for every stage. The shape is
+        (stages + 3, stages)."""
         stages = len(self.b)
         table = np.zeros((stages + 3, stages))
         for row, weights in zip(table, self.a, strict=False):

@@ -47,10 +47,8 @@ def nodes(axis: Axis) -> Array:
 
 
 def closed(value: ValueFunction, values: AnyArray) -> Array:
-    """An array over the grid of a value function; periodic axes are closed.
-
-    The shape is (nodes of the first axis, nodes of the second, and so on).
-    """
+    """An array over the grid of a value function; periodic axes are closed. The shape is (nodes of
+    the first axis, nodes of the second, and so on)."""
     table: Array = np.asarray(values, dtype=np.float64)
     for k, axis in enumerate(value.grid.axes):
         if axis.ends == "periodic":
@@ -92,10 +90,8 @@ def time_colours(value: ValueFunction) -> dict[float, Any]:
 
 
 def draw_zero(axis: Axes, x: Array, y: Array, values: Array, **drawn: Any) -> None:
-    """The zero level, if it exists.
-
-    x: shape (columns,). y: shape (rows,). values: shape (rows, columns).
-    """
+    """The zero level, if it exists. x: shape (columns,). y: shape (rows,). values: shape (rows,
+    columns)."""
     if (values > 0).any() and (values <= 0).any():
         axis.contour(x, y, values, levels=[0.0], **drawn)
 
@@ -140,10 +136,8 @@ def draw_values(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> Con
 def draw_arrival(
     axis: Axes, value: ValueFunction, plane: tuple[str, str], arrival: AnyArray
 ) -> ContourSet | None:
-    """The least times as colours, and the edge of the set; None if nothing is reached.
-
-    arrival: seconds, shape (nodes of the first state, nodes of the second).
-    """
+    """The least times as colours, and the edge of the set; None if nothing is reached. arrival:
+    seconds, shape (nodes of the first state, nodes of the second)."""
     x, y = mesh(value, plane)
     table, seconds = (on_mesh(value, plane, v) for v in (value.values(), arrival))
     if not (table > 0).any():

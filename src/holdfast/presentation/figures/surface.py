@@ -107,11 +107,8 @@ def _draw_body(axis: Axes3D, faces: Array, span: Array, colour: str) -> None:
 
 
 def brightness(faces: Array, span: Array) -> Array:
-    """Brightness of triangles, DARK to 1, in states scaled by `span`; both sides are lit.
-
-    faces: shape (triangles, 3, states). span: shape (states,). The result has the shape
-    (triangles,).
-    """
+    """Brightness of triangles, DARK to 1, in states scaled by `span`; both sides are lit. faces:
+    shape (triangles, 3, states). span: shape (states,). The result has the shape (triangles,)."""
     one, two = ((faces[:, k] - faces[:, 0]) / span for k in (1, 2))
     normal = np.cross(one, two)
     size = np.linalg.norm(normal, axis=1)
