@@ -148,9 +148,6 @@ class DecisionLog:
 def _known(said: Any) -> Any:
     """The same without numbers that are not finite."""
     if isinstance(said, Mapping):
-        return {k: _known(v) for k, v in said.items() if not _unknown(v)}
+        finite = {k: v for k, v in said.items() if not isinstance(v, float) or math.isfinite(v)}
+        return {k: _known(v) for k, v in finite.items()}
     return list(said) if isinstance(said, tuple) else said
-
-
-def _unknown(value: Any) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)

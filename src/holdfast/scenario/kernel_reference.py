@@ -294,7 +294,8 @@ def composed_safety(file: str, spec: ScenarioSpec, system: System) -> Safety:
             )
     with at(file, "safety"):
         kernel = named_kernel(spec.safety.kernel, spec.system, spec.kernels)
-        velocities = () if kernel.scenario is None else _velocities(kernel.scenario.system, system)
+        inputs = () if kernel.scenario is None else kernel.scenario.system.input_names
+        velocities = [n for n in inputs if n in system.state_names]  # of the vehicle, as inputs
         if velocities and not (spec.safety.alone and spec.tracking is not None):
             raise ScenarioError(
                 f"the kernel of '{kernel.name}' has the inputs {' and '.join(velocities)}, "
@@ -302,8 +303,3 @@ def composed_safety(file: str, spec: ScenarioSpec, system: System) -> Safety:
                 expected="alone = true, and [tracking] to follow them",
             )
         return Safety(kernel, spec.safety, spec.tracking if velocities else None)
-
-
-def _velocities(game: System, system: System) -> tuple[str, ...]:
-    """The inputs of a kernel that are states of the vehicle."""
-    return tuple(n for n in game.input_names if n in system.state_names)

@@ -698,7 +698,7 @@ def _thinned(value: ValueFunction) -> tuple[ValueFunction, str]:
     if data["value"].nbytes <= MOST_BYTES:
         return value, ""
     single = data.assign(value=data["value"].astype(np.float32))
-    for step in _divisors(times - 1):
+    for step in (k for k in range(1, max(times, 2)) if (times - 1) % k == 0):
         some = single if step == 1 else single.isel(time=slice(None, None, step))
         if some["value"].nbytes <= MOST_BYTES:
             left = some["value"].sizes.get("time", 1)
@@ -710,7 +710,3 @@ def _thinned(value: ValueFunction) -> tuple[ValueFunction, str]:
         f"its law needs {single['value'].nbytes / times / 2**20:.0f} MiB at one time, "
         f"and a page has at most {MOST_BYTES / 2**20:.0f}"
     )
-
-
-def _divisors(number: int) -> Iterable[int]:
-    return (k for k in range(1, max(number, 1) + 1) if number % k == 0)

@@ -102,11 +102,6 @@ def topic_key(domain: int, topic: str, message: str, digest: str) -> str:
     return f"{domain}/{topic.strip('/')}/{dds_type(message)}/{digest}"
 
 
-def any_type_key(domain: int, topic: str) -> str:
-    """The keys of a topic whatever the type, so that another type is seen and refused."""
-    return f"{domain}/{topic.strip('/')}/*/*"
-
-
 def node_token(of: NodeName, session: str) -> str:
     """The token by which the nodes of a domain know of a node."""
     return f"@ros2_lv/{of.domain}/{session}/0/0/NN/%/{_mangled(of.namespace)}/{of.name}"
@@ -344,7 +339,7 @@ class Node(Closing):
         """A subscriber to a standard type; see `publisher`."""
         topic, digest = self.name.topic(topic), messages.digest(kind)
         key = topic_key(self.name.domain, topic, kind, digest)
-        keys = any_type_key(self.name.domain, topic)
+        keys = f"{self.name.domain}/{topic.strip('/')}/*/*"  # another type is seen, and refused
         token = self._endpoint("MS", topic, kind, digest)
         return Subscription(self._session, keys, key, kind, token)
 

@@ -450,7 +450,11 @@ class _Unknown:
 
     def __init__(self, system: System, names: Sequence[str], measured: bool) -> None:
         if isinstance(names, str) or any(n not in system.disturbance_names for n in names):
-            odd = names if isinstance(names, str) else _first_odd(names, system.disturbance_names)
+            odd = (
+                names
+                if isinstance(names, str)
+                else next(n for n in names if n not in system.disturbance_names)
+            )
             raise DefinitionError(
                 f"worst of the safeguard names '{odd}', which is not a disturbance",
                 remedy=suggestion(str(odd), system.disturbance_names),
@@ -489,10 +493,6 @@ class _Unknown:
         if self.bounds is None or all(w == 0 for w in weights):
             return sp.S.Zero
         return self.bounds.support(weights, 1)[0]
-
-
-def _first_odd(names: Sequence[str], allowed: Sequence[str]) -> str:
-    return next(n for n in names if n not in allowed)
 
 
 def over_time(unit: str, order: int) -> str:

@@ -35,12 +35,6 @@ ADVERSARY_AIM = symbol("adversary_aim")
 """A parameter of `against_the_worst`: 0 lowers the value, 1 lowers a margin."""
 
 
-def _at_slopes(
-    system: System, lookup: Lookup, h: Hamiltonian, table: Mapping[str, sp.Expr]
-) -> dict[str, sp.Expr]:
-    return _at_costates(h, table, lookup.slopes[-len(system.states) :])
-
-
 def _at_costates(
     h: Hamiltonian, table: Mapping[str, sp.Expr], slopes: Sequence[sp.Expr]
 ) -> dict[str, sp.Expr]:
@@ -54,7 +48,7 @@ def optimal_law(system: System, lookup: Lookup) -> Law:
     return Law(
         name=f"optimal inputs of {system.name}",
         reads=system.states,
-        outputs=_at_slopes(system, lookup, h, h.inputs),
+        outputs=_at_costates(h, h.inputs, lookup.slopes[-len(system.states) :]),
         parameters=system.parameters,
         signals={"value": lookup.value},
         lookup=lookup,

@@ -48,7 +48,7 @@ def polygon(vertices: object = None, what: str = "the footprint") -> Polygon:
     points = _points(vertices, what)
     count = len(points)
     ways = [_minus(points[(i + 1) % count], points[i]) for i in range(count)]
-    turns = [_cross(ways[i - 1], ways[i]) for i in range(count)]
+    turns = [a[0] * b[1] - a[1] * b[0] for a, b in zip((ways[-1], *ways[:-1]), ways, strict=True)]
     side = math.copysign(1.0, sum(turns))
     for point, turn in zip(points, turns, strict=True):
         if not turn * side > 0:
@@ -77,10 +77,6 @@ def edges(corners: Polygon) -> tuple[Edge, ...]:
 
 def _minus(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
     return a[0] - b[0], a[1] - b[1]
-
-
-def _cross(a: tuple[float, float], b: tuple[float, float]) -> float:
-    return a[0] * b[1] - a[1] * b[0]
 
 
 def side_parameters(corners: Polygon) -> tuple[tuple[Edge, ...], tuple[Parameter, ...]]:

@@ -659,16 +659,13 @@ def _blocks(game: Game) -> Iterator[_Block]:
         axes = tuple(i for i, b in enumerate(block_of) if b == block)
         players, columns = [], []
         for player, gain, free in zip(game.players, game.gains, groups, strict=True):
-            mine = [j for group in free for j in group if _acts(gain, group, axes)]
+            acts = [g for g in free if any(gain[i, j] != 0 for i in axes for j in g)]
+            mine = [j for group in acts for j in group]
             acting = [j in mine for j in range(len(player.members))]
             members = tuple(q for q, k in zip(player.members, acting, strict=True) if k)
             columns.append(tuple(j for j, k in enumerate(acting) if k))
             players.append(replace(player, members=members, bounds=section(player.bounds, acting)))
         yield _Block(axes, tuple(players), tuple(columns), _corners(players))
-
-
-def _acts(gain: sp.Matrix, group: Sequence[int], axes: Sequence[int]) -> bool:
-    return any(gain[i, j] != 0 for i in axes for j in group)
 
 
 def _corners(players: Sequence[Player]) -> tuple[Corners | None, ...]:

@@ -98,12 +98,9 @@ def eigenvalues(matrix: sp.Matrix) -> list[complex]:
         values, _ = mpmath.eig(mpmath.matrix(matrix.tolist()))
     numbers = [complex(v) for v in values]
     return sorted(
-        (complex(round(z.real, 12) + 0.0, round(z.imag, 12) + 0.0) for z in numbers), key=_by_decay
+        (complex(round(z.real, 12) + 0.0, round(z.imag, 12) + 0.0) for z in numbers),
+        key=lambda z: (-z.real, z.imag),
     )
-
-
-def _by_decay(z: complex) -> tuple[float, float]:
-    return (-z.real, z.imag)
 
 
 def gains_for_poles(k1: float, poles: Sequence[Pole]) -> tuple[float, ...]:

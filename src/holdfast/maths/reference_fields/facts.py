@@ -62,10 +62,6 @@ _MERGED = 1e-5
 """Zeros closer than this fraction of the box count as one."""
 
 
-def _span(box: Sequence[tuple[float, float]]) -> float:
-    return max(b - a for a, b in box)
-
-
 @checked
 def critical_points(
     field: Field, box: Sequence[tuple[float, float]] = ((-2.0, 2.0), (-2.0, 2.0))
@@ -94,7 +90,7 @@ def critical_points(
         exact = False
         method = (
             f"Newton's method from {GRID**2} points of {intervals}; others are not excluded, and "
-            f"zeros closer than {_MERGED * _span(box):.2g} count as one"
+            f"zeros closer than {_MERGED * max(b - a for a, b in box):.2g} count as one"
         )
     elif field.moment:
         p, e = frame(field)

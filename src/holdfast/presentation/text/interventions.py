@@ -215,7 +215,8 @@ def _largest(changes: Mapping[str, float]) -> str:
 def summary_lines(said: Mapping[str, Any]) -> list[str]:
     """The summary of a stream, a line for each number."""
     total, seconds = said["samples"], said["duration"]
-    rows = [("samples", f"{total:,} in {seconds:.2f} s{_sessions(said['sessions'])}")]
+    sessions = f", {said['sessions']} sessions" if said["sessions"] > 1 else ""
+    rows = [("samples", f"{total:,} in {seconds:.2f} s{sessions}")]
     rows += [(status, _share(share)) for status, share in said["share"].items()]
     if lost := said["lost"].get("command"):
         rows.append(("of which without a command", _share(lost)))
@@ -229,10 +230,6 @@ def summary_lines(said: Mapping[str, Any]) -> list[str]:
         rows.append(("no decisions", f"{refused} line{'s' * (refused > 1)}"))
     width = max(len(name) for name, _ in rows)
     return [f"  {name:<{width}}  {value}" for name, value in rows]
-
-
-def _sessions(count: int) -> str:
-    return f", {count} sessions" if count > 1 else ""
 
 
 def _share(share: float) -> str:
