@@ -13,23 +13,29 @@ import asyncio
 import dataclasses
 import time
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, Concatenate
 
 from distributed.protocol.serialize import Serialize
 
 from holdfast._version import __version__
-from holdfast.analysis.reachability.divided_march import PartsLostError, cut
-from holdfast.analysis.reachability.march_part import MarchPart, layers_of
+from holdfast.analysis.reachability.divided_march import (
+    Answer,
+    Asked,
+    MarchPart,
+    PartsLostError,
+    cut,
+    layers_of,
+)
 from holdfast.analysis.reachability.memory_estimate import part_memory
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.level_set.slab import Edges, Part
 from holdfast.execution.level_set.sweeping import StageAnswer, StageOrder
-from holdfast.execution.resources import Memory
 from holdfast.interop.cluster import connected
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
@@ -80,7 +86,7 @@ class HeldPart:
     def build(self, posed: Posed, parts: Sequence[Part], stages: int, threads: int) -> None:
         self.parts = parts
         part = parts[self.place]
-        self.part = MarchPart(posed, part, stages=stages, threads=threads, room=Memory())
+        self.part = MarchPart(posed, part, stages=stages, threads=threads)
         self.wanted = part.wanted(parts) if len(parts) > 1 else []
         self.asked = {
             k: which
@@ -137,13 +143,18 @@ async def build(
 
 
 async def ask(
-    march: str, rounds: int, method: str, arguments: Sequence[Any], dask_worker: Any
+    march: str,
+    rounds: int,
+    method: Callable[..., Any],
+    arguments: Sequence[Any],
+    named: Mapping[str, Any],
+    dask_worker: Any,
 ) -> Any:
     """What the part answers to a method of `MarchPart`, after so many rounds of stages."""
     held = _held.get((march, dask_worker.address))
     if held is None or held.rounds != rounds:
         return Lost("it has begun anew")
-    return await _told(held, getattr(held.part, method), *arguments)
+    return await _told(held, partial(method, held.part, *arguments, **named))
 
 
 async def carry_out(march: str, rounds: int, orders: Sequence[StageOrder], dask_worker: Any) -> Any:
@@ -243,7 +254,7 @@ class MarchCluster:
         self._count = 0  # workers of the last attempt
 
     @contextmanager
-    def parts(self, posed: Posed, h: Hamiltonian) -> Iterator[Any]:
+    def parts(self, posed: Posed, h: Hamiltonian) -> Iterator[ClusterParts]:
         """The parts of a march in workers, until the end of the block."""
         workers = self._workers()
         count = cut(posed, len(workers))
@@ -319,8 +330,6 @@ class MarchCluster:
 class ClusterParts:
     """The parts of one march, each in a worker."""
 
-    here = False
-
     def __init__(
         self,
         client: Any,
@@ -372,20 +381,36 @@ class ClusterParts:
                 remedy="look at its log; wait for its other tasks, or start it again",
             ) from None
 
-    def ask(self, method: str, *arguments: Any) -> list[Any]:
-        if method == "carry_out":
-            answers = self._answers(carry_out, self._names, self._march, self._rounds, *arguments)
-            self._rounds += 1
-            return answers
-        asked = (self._march, self._rounds, method, arguments)
-        return self._answers(ask, self._names, *asked)
+    def ask(
+        self,
+        method: Callable[Concatenate[MarchPart, Asked], Answer],
+        *arguments: Asked.args,
+        **named: Asked.kwargs,
+    ) -> list[Answer]:
+        return self._asked(self._names, method, *arguments, **named)
 
-    def ask_one(self, place: int, method: str, *arguments: Any) -> Any:
-        asked = (self._march, self._rounds, method, arguments)
-        return self._answers(ask, [self._names[place]], *asked)[0]
+    def ask_one(
+        self,
+        place: int,
+        method: Callable[Concatenate[MarchPart, Asked], Answer],
+        *arguments: Asked.args,
+        **named: Asked.kwargs,
+    ) -> Answer:
+        return self._asked([self._names[place]], method, *arguments, **named)[0]
 
-    def exchange(self) -> None:
-        """Every part takes over the edges of the others when it is asked for the next stages."""
+    def _asked(
+        self,
+        names: list[str],
+        method: Callable[Concatenate[MarchPart, Asked], Answer],
+        *arguments: Asked.args,
+        **named: Asked.kwargs,
+    ) -> list[Answer]:
+        return self._answers(ask, names, self._march, self._rounds, method, arguments, named)
+
+    def carry_out(self, orders: Sequence[StageOrder]) -> list[list[StageAnswer]]:
+        answers = self._answers(carry_out, self._names, self._march, self._rounds, orders)
+        self._rounds += 1
+        return answers
 
     def release(self) -> None:
         """Have the workers let go of their parts."""

@@ -22,16 +22,16 @@ from typing import Unpack
 
 import numpy as np
 
+from holdfast.analysis.reachability.divided_march import MarchPart, layers_of
 from holdfast.analysis.reachability.grid import Axis, Grid, whole
-from holdfast.analysis.reachability.march_part import MarchPart, layers_of
 from holdfast.analysis.reachability.posed_march import finer
 from holdfast.analysis.reachability.problem import Marching, MarchOptions, Posed, marching_of
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, SlowWarning
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.slab import Part
-from holdfast.execution.level_set.sweeping import StageOrder, halves, streams
-from holdfast.execution.resources import Disk, Memory, available_cores, check_memory, total_memory
+from holdfast.execution.level_set.sweeping import ANYWHERE, StageOrder, halves, streams
+from holdfast.execution.resources import Disk, available_cores, check_memory, total_memory
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
 
@@ -93,7 +93,7 @@ def part_memory(posed: Posed, part: Part) -> int:
     """The same for the part of a march that is divided, with its halo, and with two times what it
     hands over, which is as much as it is handed. The workers do not hold what a first march gave.
     """
-    planes = part.own_nodes
+    planes = part.planes.own_nodes
     halo = (len(part.nodes) - (planes.stop - planes.start)) * posed.grid.nodes // part.of.nodes
     edges = 2 * halo * np.dtype(posed.marching.precision).itemsize
     return _bytes_of(posed, beside=False) * len(part.nodes) // part.of.nodes + edges
@@ -282,17 +282,16 @@ def _computing(posed: Posed, h: Hamiltonian) -> float:
     planes = max(planes, min(of.nodes, TIMED * of.nodes // posed.grid.nodes) // of.thick)
     part = Part(of, 0, min(planes, of.count), 0, 0)
     threads = posed.marching.threads or available_cores()
-    held = MarchPart(posed, part, stages=1, threads=threads, room=Memory(), h=h)
-    facts = held.facts()
-    held.begin(facts)
-    march, clock = held.march, posed.clock[0]
+    held = MarchPart(posed, part, stages=1, threads=threads, h=h)
+    held.begin(held.facts())
+    march, clock = held.steps, posed.clock[0]
     march.speeds[:], total = held.fastest([clock])
     dt = posed.method.cfl * march.method.steps.lengths / total if total > 0 else 1.0
     then = clock if any(r.moves for r in posed.problem.regions) else None
     held.open()
     orders = []
     for s, (weight, _) in enumerate(march.method.steps.stages):
-        numbers = march.numbers(dt, weight, (-math.inf, math.inf, 0.0))
+        numbers = march.numbers(dt, weight, ANYWHERE)
         orders.append(StageOrder(s, march.u(0.0), numbers, False, then, s == 0))
     times = []
     for _ in range(3):

@@ -19,10 +19,9 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.reachability.grid import Axis, Grid, by_name
-from holdfast.analysis.reachability.march_part import hamiltonian_of
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.one_march import Progress, Until, marched, marched_to_rest
-from holdfast.analysis.reachability.posed_march import check_refined
+from holdfast.analysis.reachability.posed_march import check_refined, hamiltonian_of
 from holdfast.analysis.reachability.problem import (
     MarchOptions,
     Posed,
