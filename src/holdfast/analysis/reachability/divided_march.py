@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Concatenate, ParamSpec, Protocol, TypeVar
@@ -31,7 +32,7 @@ from holdfast.analysis.reachability.problem import Ends, Posed
 from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.device_sweeping import DeviceSweeping
-from holdfast.execution.level_set.march import Done
+from holdfast.execution.level_set.march import Advances, Done
 from holdfast.execution.level_set.refined_march import RefinedSweeping
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.slab import Edges, Layers, Part, Slab, check_cut, layers
@@ -104,12 +105,13 @@ class MarchPart(PosedMarch):
         """End the stages; complete: between two steps, so that the values are those of a time."""
         self.__exit__(None if complete else Exception, None, None)
 
-    def _swept(self) -> Sweeping | DeviceSweeping | RefinedSweeping:
+    def _swept(self) -> tuple[Sweeping | DeviceSweeping | RefinedSweeping, Advances]:
         if self.planes.whole:
             return super()._swept()
-        upper, lower = self._obstacles.upper, self._obstacles.lower
-        held = self._values, upper, lower, self._room, self._moving
-        return Slab(self.steps, *held, self._part, self._stages)
+        upper, lower, moving = self._obstacles.upper, self._obstacles.lower, self._moving
+        held = self._values, upper, lower, self._room, moving
+        slab = Slab(self.steps, *held, self._part, self._stages)
+        return slab, partial(self.steps.advances, slab, moving is not None)
 
     def carry_out(self, orders: Sequence[StageOrder]) -> list[StageAnswer]:
         """Stages that follow one another without an exchange of halos."""
@@ -217,9 +219,9 @@ class DividedMarch:
     def advances(
         self, times: Sequence[float], within: Within, done: Done
     ) -> Iterator[float | None]:
-        """As `March.advances`."""
+        """As `Advances`."""
         moves = any(r.moves for r in self._posed.problem.regions)
-        return self.march.advances(self, times, within, done, moves=moves)
+        return self.march.advances(self, moves, times, within, done)
 
     def stage(self, order: StageOrder) -> StageAnswer:
         """Stages between which no halos are exchanged are carried out with the last of them."""

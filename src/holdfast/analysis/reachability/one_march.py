@@ -122,7 +122,7 @@ class MarchedValues(Resumable, Protocol):
     def advances(
         self, times: Sequence[float], within: Within, done: Done
     ) -> Iterator[float | None]:
-        """As `March.advances`."""
+        """As `Advances`."""
 
     def keep(self, time: float) -> None:
         """Take down the values of a time [s] marched."""

@@ -38,7 +38,7 @@ from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.device.program import device_named
 from holdfast.execution.level_set.device_sweeping import DeviceSweeping
-from holdfast.execution.level_set.march import ALL, Done, March, OverGrid, over_grid
+from holdfast.execution.level_set.march import ALL, Advances, Done, March, OverGrid, over_grid
 from holdfast.execution.level_set.refined_march import STRETCH, RefinedMarch, RefinedSweeping
 from holdfast.execution.level_set.sweeping import (
     Planes,
@@ -420,7 +420,7 @@ def march_of(
         reflected=None if planes is None else reflected(posed, planes),
         precision=marching.precision,
         threads=threads,
-        device=device_named(marching.device),
+        device=None if marching.device == "cpu" else device_named(marching.device),
         cut=cut,
         fastest=fastest,
         start_rate=start.rate,
@@ -625,7 +625,8 @@ class PosedMarch:
         return self.march.name
 
     def __enter__(self) -> PosedMarch:
-        self._sweeping = self._swept().__enter__()
+        sweeping, self._advances = self._swept()
+        self._sweeping = sweeping.__enter__()
         return self
 
     def __exit__(
@@ -639,7 +640,7 @@ class PosedMarch:
         if sweeping is not None:
             sweeping.__exit__(kind, error, at)
 
-    def _swept(self) -> Sweeping | DeviceSweeping | RefinedSweeping:
+    def _swept(self) -> tuple[Sweeping | DeviceSweeping | RefinedSweeping, Advances]:
         """What carries out the stages."""
         upper, lower = self._obstacles.upper, self._obstacles.lower
         return self.march.sweeping(self._values, upper, lower, self._room, self._moving)
@@ -652,9 +653,8 @@ class PosedMarch:
     def advances(
         self, times: Sequence[float], within: Within, done: Done
     ) -> Iterator[float | None]:
-        """As `March.advances`."""
-        assert self._sweeping is not None
-        return self._sweeping.advances(times, within, done)
+        """As `Advances`."""
+        return self._advances(times, within, done)
 
     @property
     def _plane(self) -> int:

@@ -26,7 +26,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -400,6 +400,11 @@ class Method:
         return len(self.steps.stages)
 
 
+Advances = Callable[[Sequence[float], Within, Done], Iterator[float | None]]
+"""Has values marched to each of some times, and says, after every step or after a few of them,
+which of the times it has come to."""
+
+
 class March:
     """Compiled sweeps of one Hamiltonian over one grid."""
 
@@ -560,25 +565,24 @@ class March:
     ) -> Done:
         """March `values` (flat; changed in place) to each of `times`."""
         done = Done()
-        with self.sweeping(values, upper, lower) as sweeping:
-            for _ in sweeping.advances(times, within, done):
+        sweeping, advances = self.sweeping(values, upper, lower)
+        with sweeping:
+            for _ in advances(times, within, done):
                 pass
         return done
 
     def advances(
         self,
         stages: Stages,
+        moves: bool,
         times: Sequence[float],
         within: Within,
         done: Done,
-        *,
-        moves: bool,
     ) -> Iterator[float | None]:
-        """Have the values whose `stages` these are marched to each of `times`, step after step, and
-        say after every step which of `times` it ends at.
+        """As `Advances` says of the values whose `stages` these are, after every step.
 
-        done: what has been done of the march, up to these values, which is taken down in it; it
-        goes on from there. moves: whether bounds at nodes move.
+        moves: whether bounds at nodes move. done: what has been done of the march, up to these
+        values, which is taken down in it; it goes on from there.
         """
         shares, step = self.method.steps.stages, math.nan
         for start, dt, end in itertools.islice(self.steps_to(times), done.steps, None):
@@ -618,12 +622,15 @@ class March:
         lower: Array | None,
         room: Room | None = None,
         bounds: Bounds | None = None,
-    ) -> Sweeping | DeviceSweeping:
+    ) -> tuple[Sweeping | DeviceSweeping, Advances]:
         """What holds the values of a march and carries out its stages. bounds: those that move."""
+        sweeping: Sweeping | DeviceSweeping
         if self.device is not None:
-            return DeviceSweeping(self, self.device, values, upper, lower, bounds)
-        kind = Streaming if room is not None and room.on_disk else Sweeping
-        return kind(self, values, upper, lower, room, bounds)
+            sweeping = DeviceSweeping(self, self.device, values, upper, lower, bounds)
+        else:
+            kind = Streaming if room is not None and room.on_disk else Sweeping
+            sweeping = kind(self, values, upper, lower, room, bounds)
+        return sweeping, partial(self.advances, sweeping, bounds is not None)
 
     def u(self, tau: float) -> Array:
         """What is the same at all nodes: the time, the parameters, the largest speeds."""

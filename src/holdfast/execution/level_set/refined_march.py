@@ -38,7 +38,7 @@ from holdfast.execution.codegen.scalar_llvm import scalars_text
 from holdfast.execution.codegen.scalar_reader import read
 from holdfast.execution.leaf import compiled_text
 from holdfast.execution.level_set.block_sweep import CROSSED, CROSSED_HIGH, CROSSED_LOW
-from holdfast.execution.level_set.march import ALL_MEASURED, MEASURED, Done, March
+from holdfast.execution.level_set.march import ALL_MEASURED, MEASURED, Advances, Done, March
 from holdfast.execution.level_set.sweeping import (
     ANYWHERE,
     Bounds,
@@ -336,9 +336,10 @@ class RefinedMarch:
         lower: Array | None,
         room: Room | None = None,
         bounds: Bounds | None = None,
-    ) -> RefinedSweeping:
+    ) -> tuple[RefinedSweeping, Advances]:
         """As `March.sweeping`, in memory, of bounds that do not move."""
-        return RefinedSweeping(self, values, upper, lower)
+        sweeping = RefinedSweeping(self, values, upper, lower)
+        return sweeping, sweeping.advances
 
     def intervals(self, times: Sequence[float]) -> Iterator[tuple[float, float, int, float | None]]:
         """Begin and step [s], the number of steps, and which of `times` an interval ends at."""
@@ -394,7 +395,7 @@ class RefinedSweeping:
     def advances(
         self, times: Sequence[float], within: Within, done: Done
     ) -> Iterator[float | None]:
-        """As `March.advances` from the beginning, an interval at a time."""
+        """As `Advances` from the beginning, an interval at a time."""
         for grid in self._grids:
             grid.level.within = within
         for start, dt, steps, end in self._march.intervals(times):

@@ -21,7 +21,7 @@ import hashlib
 import itertools
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -39,7 +39,7 @@ from holdfast.execution.level_set.stage_leaf import INFINITE
 from holdfast.execution.resources import Memory, Room
 
 if TYPE_CHECKING:
-    from holdfast.execution.level_set.march import Done, March
+    from holdfast.execution.level_set.march import March
 
 
 Flags = npt.NDArray[np.uint8]
@@ -412,7 +412,6 @@ class MarchArrays:
     What is in no unit that is computed stays as it is, in every array.
     """
 
-    march: March
     flags: Flags
 
     def __init__(
@@ -549,16 +548,9 @@ TOGETHER = 1 << 20
 class StagesHere:
     """Stages of a march on this machine, by its processor or another device."""
 
-    march: March
     flags: Any
     bounds: Bounds | None = None
     """Those that move, if any do."""
-
-    def advances(
-        self, times: Sequence[float], within: Within, done: Done
-    ) -> Iterator[float | None]:
-        """As `March.advances`."""
-        return self.march.advances(self, times, within, done, moves=self.bounds is not None)
 
     def stage(self, order: StageOrder) -> StageAnswer:
         """Carry out a stage of a step."""
