@@ -31,7 +31,7 @@ from holdfast.analysis.reachability.divided_march import (
     cut,
     layers_of,
 )
-from holdfast.analysis.reachability.memory_estimate import part_memory
+from holdfast.analysis.reachability.one_march import part_memory
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.level_set.slab import Edges, Part

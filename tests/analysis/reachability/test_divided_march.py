@@ -6,9 +6,9 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.reachability import memory_estimate, one_march, posed_march
+from holdfast.analysis.reachability import disk_estimate, one_march, posed_march
+from holdfast.analysis.reachability.disk_estimate import traffic
 from holdfast.analysis.reachability.divided_march import MarchPart
-from holdfast.analysis.reachability.memory_estimate import traffic
 from holdfast.analysis.reachability.posed_march import PosedMarch
 from holdfast.errors import OutputError, SimulationError, SlowWarning
 from holdfast.execution import resources
@@ -204,7 +204,7 @@ def test_the_disk_says_the_same_of_what_cannot_be_marched_on(tmp_path, monkeypat
 def test_what_a_step_reads_and_writes_is_counted_by_passes_over_the_arrays(monkeypatch):
     counted = []
 
-    def count(posed, _):
+    def count(posed, *_):
         counted.append(posed)
         raise KeyboardInterrupt
 
@@ -286,18 +286,18 @@ def test_few_nodes_are_timed_of_a_grid_with_large_planes(tmp_path, monkeypatch):
             timed.append(len(self.now()))
             super().open()
 
-    monkeypatch.setattr(memory_estimate, "MarchPart", Timed)
-    monkeypatch.setattr(memory_estimate, "total_memory", lambda: 1e5)
-    monkeypatch.setattr(memory_estimate, "PROBE", 2**20)
-    monkeypatch.setattr(memory_estimate, "TIMED", 4000)
+    monkeypatch.setattr(disk_estimate, "MarchPart", Timed)
+    monkeypatch.setattr(disk_estimate, "total_memory", lambda: 1e5)
+    monkeypatch.setattr(disk_estimate, "PROBE", 2**20)
+    monkeypatch.setattr(disk_estimate, "TIMED", 4000)
     with pytest.warns(SlowWarning):
         two_carts(on_disk=tmp_path)
     assert set(timed) == {7 * 7 * 8 * 10}
 
 
 def test_how_slow_a_disk_is_is_said_beforehand(tmp_path, monkeypatch):
-    monkeypatch.setattr("holdfast.analysis.reachability.memory_estimate.total_memory", lambda: 1e5)
-    monkeypatch.setattr("holdfast.analysis.reachability.memory_estimate.PROBE", 2**20)
+    monkeypatch.setattr("holdfast.analysis.reachability.disk_estimate.total_memory", lambda: 1e5)
+    monkeypatch.setattr("holdfast.analysis.reachability.disk_estimate.PROBE", 2**20)
     said = (
         r"the arrays take 0.000.* GiB of .*: where nothing is settled a step takes about .* times"
     )
@@ -307,6 +307,6 @@ def test_how_slow_a_disk_is_is_said_beforehand(tmp_path, monkeypatch):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         monkeypatch.setattr(
-            "holdfast.analysis.reachability.memory_estimate.total_memory", resources.total_memory
+            "holdfast.analysis.reachability.disk_estimate.total_memory", resources.total_memory
         )
         tube(on_disk=tmp_path)

@@ -41,7 +41,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, Unpack
 
 import numpy as np
 import sympy as sp
@@ -49,27 +49,35 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from holdfast._version import __version__
 from holdfast.analysis.reachability.checkpoint import Checkpoint, Resumable
+from holdfast.analysis.reachability.disk_estimate import check_disk
 from holdfast.analysis.reachability.divided_march import DividedMarch, PartsLostError
-from holdfast.analysis.reachability.grid import Grid
+from holdfast.analysis.reachability.grid import Grid, whole
 from holdfast.analysis.reachability.march_report import Report
-from holdfast.analysis.reachability.memory_estimate import check_disk, check_fits, memory_of
 from holdfast.analysis.reachability.posed_march import (
     Facts,
-    hamiltonian_of,
+    finer,
     march_here,
     named,
     on_finer_grid,
     room_of,
     stops,
 )
-from holdfast.analysis.reachability.problem import Ends, Marching, Posed
+from holdfast.analysis.reachability.problem import (
+    Ends,
+    Marching,
+    MarchOptions,
+    Posed,
+    marching_of,
+)
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
+from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import Done, March, Method, OverGrid
 from holdfast.execution.level_set.refined_march import RefinedMarch
+from holdfast.execution.level_set.slab import Part
 from holdfast.execution.level_set.sweeping import Within
-from holdfast.execution.resources import Memory, Room
+from holdfast.execution.resources import Memory, Room, check_memory
 from holdfast.maths.definitions.system import System
 from holdfast.maths.games.hamiltonian import Hamiltonian, check_symmetry, hamiltonian
 
@@ -340,38 +348,146 @@ def _result(posed: Posed, arrays: dict[str, Array], report: Report, room: Room) 
     return to_value_function(grid, table, report, times=asked, arrival=arrival)
 
 
+@checked
+def march_memory(
+    grid: Grid,
+    *,
+    capture: bool = False,
+    moving: bool = False,
+    opposed: bool = False,
+    times: int = 0,
+    least_times: bool | None = None,
+    **options: Unpack[MarchOptions],
+) -> int:
+    """The bytes of the arrays of a march over `grid` at its peak.
+
+    capture: of a capture basin, with its `least_times` unless arrival_steps = 0. moving: the
+    problem depends on time. opposed: a disturbance works against getting to a basin. times: the
+    number of requested values. options: those of `Marching`; precision, order (or scheme),
+    estimate_error and check_outside matter.
+
+    In units of the value at every node: one for each stage of the Runge-Kutta method (two at
+    least), two for obstacles, two for each of the times (one until the end of the march), one for
+    the error estimate, two and 8 bytes a node for the least times, four and a byte a node for
+    `check_outside`. Of what is marched twice (all but basins that nothing opposes or moves, and
+    what is of first order with local-local) what the first gave: one, or one for each of the times,
+    and 8 bytes a node for least times. With `refine` the nodes are those of the finer grid; of the
+    stages of the method only the blocks that are marched take memory, so that this is then the most
+    that it can be. The compiled march and its libraries take some 300 MB more, independent of the
+    grid.
+
+    Raises `SimulationError` for invalid options.
+    """
+    wanted = capture if least_times is None else least_times
+    count = whole("times: ", times, 0)
+    marching = marching_of(options)
+    held = not marching.first_order and (opposed or moving or not capture)
+    beside = marching.smeared or held
+    return _bytes(grid, marching, capture or moving, count, wanted, beside)
+
+
+def memory_of(posed: Posed) -> int:
+    """The same for a complete problem."""
+    return _bytes_of(posed, beside=posed.marched_twice)
+
+
+def _bytes_of(posed: Posed, *, beside: bool) -> int:
+    obstacles = posed.problem.limit == "free" or posed.varies
+    times = len(posed.asked) if posed.several else 0
+    return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps), beside)
+
+
+def part_memory(posed: Posed, part: Part) -> int:
+    """The same for the part of a march that is divided, with its halo, and with two times what it
+    hands over, which is as much as it is handed. The workers do not hold what a first march gave.
+    """
+    planes = part.planes.own_nodes
+    halo = (len(part.nodes) - (planes.stop - planes.start)) * posed.grid.nodes // part.of.nodes
+    edges = 2 * halo * np.dtype(posed.marching.precision).itemsize
+    return _bytes_of(posed, beside=False) * len(part.nodes) // part.of.nodes + edges
+
+
+def check_fits(posed: Posed) -> None:
+    """Refuse a march that exceeds the memory of this machine.
+
+    Of one on a cluster, its answer; one on a disk needs memory for a few planes.
+    """
+    marching, needed, what = posed.marching, memory_of(posed), f"{_nodes(posed):,} nodes"
+    if marching.on_disk is not None:
+        return
+    if marching.cluster is not None:
+        needed, what = answer_bytes(posed), f"the answer at {what}"
+    remedy = "take fewer nodes"
+    if marching.precision == "float64":
+        remedy += ', or precision="float32"'
+    if marching.cluster is None:
+        remedy += ", or march from a disk (on_disk=FOLDER), or on a cluster (cluster=...)"
+    else:
+        remedy += ", or have it on a disk (on_disk=FOLDER)"
+    check_memory(needed, what, remedy)
+
+
+def _nodes(posed: Posed) -> int:
+    """Of the grid of the answer."""
+    return finer(posed.grid, posed.marching.refine).nodes
+
+
+def answer_bytes(posed: Posed) -> int:
+    """Of the values that are brought together, with their records, of each march."""
+    size = np.dtype(posed.marching.precision).itemsize
+    times = 2 * len(posed.asked) if posed.several else 0
+    arrivals = (8 + size) * bool(posed.arrival_steps)
+    marches = 1 + posed.marched_twice
+    return posed.grid.nodes * (size * (1 + times) + arrivals) * marches
+
+
+def _bytes(
+    grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals: bool, beside: bool
+) -> int:
+    arrays = 1 + max(marching.method.stages - 1, 1) + 2 * obstacles + 2 * arrivals
+    if marching.check_outside:
+        arrays += 4
+    elif marching.estimate_error:
+        arrays += 1
+    arrays = max(arrays + times, 2 * times + 1) + beside * max(times, 1)
+    size = np.dtype(marching.precision).itemsize
+    nodes = grid.nodes
+    if marching.refine > 1:
+        nodes += finer(grid, marching.refine).nodes
+    return nodes * (size * arrays + 8 * arrivals * (1 + beside) + marching.check_outside)
+
+
 LOSSES = 3
 """Times that workers may be lost between two checkpoints."""
 
 
 def marched(
     posed: Posed,
+    h: Hamiltonian,
     progress: Progress | None = None,
     begin: Array | None = None,
     until: Until | None = None,
-    h: Hamiltonian | None = None,
 ) -> ValueFunction:
     """The value at the end of the march, with what it is worth.
 
-    begin: values at the nodes that it begins with, where they are less than those of the problem.
-    h: the Hamiltonian of the problem, if it is known.
+    h: the Hamiltonian of the problem. begin: values at the nodes that it begins with, where they
+    are less than those of the problem.
     """
     check_fits(posed)
-    h = h or hamiltonian_of(posed)
     if posed.marching.symmetry is not None:
         check_symmetry(h, posed.problem.regions, posed.marching.symmetry)
     if posed.marching.on_disk is not None and not posed.filtered:
-        check_disk(posed, h)  # of two marches before the first
-    finer, losses = on_finer_grid(posed), 0
+        check_disk(posed, h, memory_of(posed), answer_bytes(posed))  # of two marches at once
+    refined, losses = on_finer_grid(posed), 0
     while True:
         attempt = OneMarch(
-            finer, h, progress, until, memory=memory_of(posed), begun=begin is not None
+            refined, h, progress, until, memory=memory_of(posed), begun=begin is not None
         )
         if posed.marching.cluster is None:
-            return attempt.result(march_here(finer, posed.grid, h, begin))
+            return attempt.result(march_here(refined, posed.grid, h, begin))
         try:
-            with posed.marching.cluster.parts(finer, h) as parts:
-                return attempt.result(DividedMarch(finer, h, parts, begin))
+            with posed.marching.cluster.parts(refined, h) as parts:
+                return attempt.result(DividedMarch(refined, h, parts, begin))
         except PartsLostError as lost:
             losses = 0 if attempt.got_further else losses + 1
             if losses == LOSSES:
@@ -400,6 +516,7 @@ step is as good as monotone up to the whole."""
 
 def marched_to_rest(
     posed: Posed,
+    h: Hamiltonian,
     progress: Progress | None = None,
     begin: Array | None = None,
     until: Until | None = None,
@@ -410,9 +527,8 @@ def marched_to_rest(
     march, which may be the only one.
     """
     if not posed.marched_twice:
-        return marched(posed, progress, begin, until)
-    h = hamiltonian_of(posed)
-    first = marched(posed, _half(progress, 0), begin, until, h)
+        return marched(posed, h, progress, begin, until)
+    first = marched(posed, h, _half(progress, 0), begin, until)
     report, is_kernel = first.report, posed.problem.limit == "shrink"
     if report.ended_early or (is_kernel and report.empty and not posed.several):
         return first
@@ -429,11 +545,11 @@ def marched_to_rest(
     elif not (report.converged and is_kernel) and report.steps > 1:  # one may have no length
         beside = replace(beside, steps=_steps_beside(marching))
     beside = replace(beside, marching=marching)
-    second = marched(beside, _half(progress, 1), begin, h=h)
+    second = marched(beside, h, _half(progress, 1), begin)
     left, rests = second.report.residual_cells, second.report.converged
     if at_rest and not rests and left is not None and left <= marching.tolerance:
         begin = np.array(second.values())
-        second = marched(beside.renamed("at rest"), _half(progress, 1), begin, h=h)
+        second = marched(beside.renamed("at rest"), h, _half(progress, 1), begin)
     return _of_both(first, second, posed)
 
 

@@ -400,6 +400,9 @@ class Method:
         return len(self.steps.stages)
 
 
+_march_leaves = lru_cache(maxsize=8)(MarchLeaves)
+"""Marches over other grids, and with leaving the grid taken for something else, have the same."""
+
 Advances = Callable[[Sequence[float], Within, Done], Iterator[float | None]]
 """Has values marched to each of some times, and says, after every step or after a few of them,
 which of the times it has come to."""
@@ -483,8 +486,8 @@ class March:
     def leaves(self) -> MarchLeaves:
         """What the sweep calls: where another carries out the stages they are not needed."""
         method = self.method
-        return MarchLeaves(
-            self.hamiltonian, self.parameters, self.scheme, dissipation=method.dissipation,
+        return _march_leaves(
+            self.hamiltonian, tuple(self.parameters), self.scheme, dissipation=method.dissipation,
             limit=self.limit, one_stage=method.stages == 1, precision=self.precision,
             filtered=self.filtered,
         )  # fmt: skip
