@@ -13,12 +13,11 @@ import asyncio
 import dataclasses
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, Concatenate
+from typing import Any
 
 from distributed.protocol.serialize import Serialize
 
@@ -143,18 +142,13 @@ async def build(
 
 
 async def ask(
-    march: str,
-    rounds: int,
-    method: Callable[..., Any],
-    arguments: Sequence[Any],
-    named: Mapping[str, Any],
-    dask_worker: Any,
+    march: str, rounds: int, method: Callable[..., Any], arguments: Sequence[Any], dask_worker: Any
 ) -> Any:
     """What the part answers to a method of `MarchPart`, after so many rounds of stages."""
     held = _held.get((march, dask_worker.address))
     if held is None or held.rounds != rounds:
         return Lost("it has begun anew")
-    return await _told(held, partial(method, held.part, *arguments, **named))
+    return await _told(held, method, held.part, *arguments)
 
 
 async def carry_out(march: str, rounds: int, orders: Sequence[StageOrder], dask_worker: Any) -> Any:
@@ -382,30 +376,17 @@ class ClusterParts:
             ) from None
 
     def ask(
-        self,
-        method: Callable[Concatenate[MarchPart, Asked], Answer],
-        *arguments: Asked.args,
-        **named: Asked.kwargs,
+        self, method: Callable[[MarchPart, *Asked], Answer], *arguments: *Asked
     ) -> list[Answer]:
-        return self._asked(self._names, method, *arguments, **named)
+        asked = (self._march, self._rounds, method, arguments)
+        return self._answers(ask, self._names, *asked)
 
     def ask_one(
-        self,
-        place: int,
-        method: Callable[Concatenate[MarchPart, Asked], Answer],
-        *arguments: Asked.args,
-        **named: Asked.kwargs,
+        self, place: int, method: Callable[[MarchPart, *Asked], Answer], *arguments: *Asked
     ) -> Answer:
-        return self._asked([self._names[place]], method, *arguments, **named)[0]
-
-    def _asked(
-        self,
-        names: list[str],
-        method: Callable[Concatenate[MarchPart, Asked], Answer],
-        *arguments: Asked.args,
-        **named: Asked.kwargs,
-    ) -> list[Answer]:
-        return self._answers(ask, names, self._march, self._rounds, method, arguments, named)
+        asked = (self._march, self._rounds, method, arguments)
+        answer: Answer = self._answers(ask, [self._names[place]], *asked)[0]
+        return answer
 
     def carry_out(self, orders: Sequence[StageOrder]) -> list[list[StageAnswer]]:
         answers = self._answers(carry_out, self._names, self._march, self._rounds, orders)

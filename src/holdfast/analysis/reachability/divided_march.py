@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Concatenate, ParamSpec, Protocol, TypeVar
+from typing import Protocol, TypeVar, TypeVarTuple
 
 import numpy as np
 
@@ -50,7 +50,7 @@ from holdfast.maths.games.hamiltonian import Hamiltonian
 NODES_FETCHED_AT_ONCE = 1 << 23
 """Nodes whose values are fetched from a part at once."""
 
-Asked = ParamSpec("Asked")
+Asked = TypeVarTuple("Asked")
 Answer = TypeVar("Answer")
 
 
@@ -142,19 +142,12 @@ class Parts(Protocol):
     stages: int
 
     def ask(
-        self,
-        method: Callable[Concatenate[MarchPart, Asked], Answer],
-        *arguments: Asked.args,
-        **named: Asked.kwargs,
+        self, method: Callable[[MarchPart, *Asked], Answer], *arguments: *Asked
     ) -> list[Answer]:
         """What every part answers, in their order."""
 
     def ask_one(
-        self,
-        place: int,
-        method: Callable[Concatenate[MarchPart, Asked], Answer],
-        *arguments: Asked.args,
-        **named: Asked.kwargs,
+        self, place: int, method: Callable[[MarchPart, *Asked], Answer], *arguments: *Asked
     ) -> Answer:
         """What one of them answers."""
 

@@ -50,7 +50,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from holdfast._version import __version__
 from holdfast.analysis.reachability.checkpoint import Checkpoint, Resumable
 from holdfast.analysis.reachability.disk_estimate import check_disk
-from holdfast.analysis.reachability.divided_march import DividedMarch, PartsLostError
+from holdfast.analysis.reachability.divided_march import DividedMarch, PartsLostError, Workplace
 from holdfast.analysis.reachability.grid import Grid, whole
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.posed_march import (
@@ -107,45 +107,28 @@ Until = Callable[[ValueFunction], bool]
 
 
 class MarchedValues(Resumable, Protocol):
-    """The values of a march, on this machine (`PosedMarch`) or divided among others
-    (`DividedMarch`), and its stages, which are carried out in a `with` statement."""
+    """The values of a march and its stages, as `PosedMarch` has them on this machine, or as
+    `DividedMarch` has them of others."""
 
     @property
-    def march(self) -> March | RefinedMarch:
-        """Its steps."""
-
+    def march(self) -> March | RefinedMarch: ...
     @property
-    def start(self) -> Facts:
-        """What is known of the start value."""
-
+    def start(self) -> Facts: ...
     def __enter__(self) -> Self: ...
-
     def __exit__(
         self,
         kind: type[BaseException] | None,
         error: BaseException | None,
         at: TracebackType | None,
     ) -> None: ...
-
     def advances(
         self, times: Sequence[float], within: Within, done: Done
-    ) -> Iterator[float | None]:
-        """As `Advances`."""
-
-    def keep(self, time: float) -> None:
-        """Take down the values of a time [s] marched."""
-
-    def largest(self) -> float:
-        """The largest value."""
-
-    def highest(self) -> float:
-        """Bound of all values so far."""
-
-    def on_one_side(self, limit: str) -> bool:
-        """Whether nothing is left of a set that shrinks, or nothing is left for one that grows."""
-
-    def ends(self) -> Ends:
-        """The ends of the grid that the set touches."""
+    ) -> Iterator[float | None]: ...
+    def keep(self, time: float) -> None: ...
+    def largest(self) -> float: ...
+    def highest(self) -> float: ...
+    def on_one_side(self, limit: str) -> bool: ...
+    def ends(self) -> Ends: ...
 
 
 class OneMarch:
@@ -478,15 +461,16 @@ def marched(
         check_symmetry(h, posed.problem.regions, posed.marching.symmetry)
     if posed.marching.on_disk is not None and not posed.filtered:
         check_disk(posed, h, memory_of(posed), answer_bytes(posed))  # of two marches at once
+    place: Workplace | None = posed.marching.cluster
     refined, losses = on_finer_grid(posed), 0
     while True:
         attempt = OneMarch(
             refined, h, progress, until, memory=memory_of(posed), begun=begin is not None
         )
-        if posed.marching.cluster is None:
+        if place is None:
             return attempt.result(march_here(refined, posed.grid, h, begin))
         try:
-            with posed.marching.cluster.parts(refined, h) as parts:
+            with place.parts(refined, h) as parts:
                 return attempt.result(DividedMarch(refined, h, parts, begin))
         except PartsLostError as lost:
             losses = 0 if attempt.got_further else losses + 1

@@ -32,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.reachability.checkpoint import Written, read_parts, readable, write_part
-from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.grid import Axis, Grid, largest_change
 from holdfast.analysis.reachability.problem import ON_END, Ends, Posed, check_inside, touched
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
@@ -272,23 +272,6 @@ def open_ends(posed: Posed, reached: Ends) -> list[tuple[int, int]]:
         for end in (0, -1)
         if posed.limit != "shrink" or (i, end) in reached
     ]
-
-
-def largest_change(values: Array) -> float:
-    """The largest difference between neighbours, at the nodes in the set or next to it."""
-
-    def largest(ahead: Array, behind: Array) -> float:
-        near = (ahead > 0) | (behind > 0)
-        return float(np.abs(ahead - behind)[near].max(initial=0.0))
-
-    change = 0.0
-    for k, slab in enumerate(values):  # slab by slab, to save memory
-        if k:
-            change = max(change, largest(slab, values[k - 1]))
-        for i in range(slab.ndim):
-            rows = np.moveaxis(slab, i, 0)
-            change = max(change, largest(rows[1:], rows[:-1]))
-    return change
 
 
 NODES_LOOKED_AT_AT_ONCE = 1 << 20
