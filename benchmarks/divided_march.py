@@ -38,7 +38,7 @@ import distributed
 import numpy as np
 
 import holdfast as hf
-from holdfast.analysis.reachability.memory_estimate import disk_speed
+from holdfast.analysis.reachability.disk_estimate import disk_speed
 from holdfast.execution.level_set.march import METHODS
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.sweeping import Streaming

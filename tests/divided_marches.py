@@ -1,16 +1,60 @@
-"""Small problems whose marches are divided, and how two answers are compared."""
+"""Small problems whose marches are divided, also in this process, and how answers are compared."""
 
 import math
+from contextlib import contextmanager
 
 import numpy as np
 import sympy as sp
 
 import holdfast as hf
+from holdfast.analysis.reachability.divided_march import MarchPart, cut, layers_of
 
 X, Y, U, W, PSI = (hf.symbol(n) for n in ("x", "y", "u", "w", "psi"))
 PLACE = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
 HEADING = (hf.Quantity("psi", "rad", angle=True),)
 RATES = {"x": sp.cos(PSI), "y": sp.sin(PSI) + W, "psi": U}
+
+
+class Here:
+    """A workplace in this process: so many parts at most, one after another.
+
+    by_step: whether halos are exchanged once in a step, and not in every stage.
+    """
+
+    def __init__(self, count=1, by_step=True):
+        self.count, self.by_step = count, by_step
+
+    @contextmanager
+    def parts(self, posed, h):
+        stages = posed.method.stages if self.by_step else 1
+        parts = layers_of(posed).parts(cut(posed, self.count), stages)
+        of = [MarchPart(posed, part, stages=stages, threads=1, h=h) for part in parts]
+        here = PartsHere(of, parts, stages)
+        try:
+            yield here
+        finally:
+            here.ask(MarchPart.close, False)
+
+
+class PartsHere:
+    """Parts in this process."""
+
+    def __init__(self, of, parts, stages):
+        self.of, self.parts, self.stages = of, parts, stages
+        self.begun = False
+
+    def ask(self, method, *arguments):
+        return [method(part, *arguments) for part in self.of]
+
+    def ask_one(self, place, method, *arguments):
+        return method(self.of[place], *arguments)
+
+    def carry_out(self, orders):
+        if self.begun and len(self.of) > 1:
+            for part, mine in zip(self.of, self.parts, strict=True):
+                part.take([self.of[k].edges(which) for k, which in mine.wanted(self.parts)])
+        self.begun = True
+        return self.ask(MarchPart.carry_out, orders)
 
 
 def robot(states):

@@ -15,7 +15,7 @@ PAGE = (ROOT / "docs" / "extending.md").read_text("utf-8")
 
 SCHEME = '''"""Central slopes, as upwind ones of first order with a wider reach would be: a scheme of a test."""
 
-from holdfast.execution.level_set.schemes.base import Scheme
+from holdfast.execution.level_set.schemes import Scheme
 
 
 def slopes(a, b, c):

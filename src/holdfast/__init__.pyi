@@ -40,7 +40,7 @@ from .analysis.online.relay import Relay as Relay
 from .analysis.online.safety_filter import SafetyFilter as SafetyFilter
 from .analysis.reachability.grid import Grid as Grid
 from .analysis.reachability.grid import grid as grid
-from .analysis.reachability.memory_estimate import march_memory as march_memory
+from .analysis.reachability.one_march import march_memory as march_memory
 from .analysis.reachability.solve import Margin as Margin
 from .analysis.reachability.solve import backward_reachable_at as backward_reachable_at
 from .analysis.reachability.solve import backward_reachable_set as backward_reachable_set

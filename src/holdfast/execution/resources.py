@@ -110,6 +110,11 @@ def check_memory(
         )
 
 
+def check_trials(runs: int, states: int) -> None:
+    """Refuse a validation with more runs, and as many near the edge, than the memory allows."""
+    check_memory(8 * 8 * runs * (2 * states + 4), f"the starts of {runs:,} runs", "try fewer")
+
+
 def is_room_for(needed: int) -> bool:
     """Whether so many bytes are at most 70 % of the memory."""
     return needed <= 0.7 * total_memory()

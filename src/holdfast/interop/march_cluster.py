@@ -14,7 +14,7 @@ import dataclasses
 import re
 import time
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,14 +25,19 @@ import distributed.comm as distributed_comm
 from distributed.protocol.serialize import Serialize
 
 from holdfast._version import __version__
-from holdfast.analysis.reachability.divided_march import PartsLostError, cut
-from holdfast.analysis.reachability.march_part import MarchPart, layers_of
-from holdfast.analysis.reachability.memory_estimate import part_memory
+from holdfast.analysis.reachability.divided_march import (
+    Answer,
+    Asked,
+    MarchPart,
+    PartsLostError,
+    cut,
+    layers_of,
+)
+from holdfast.analysis.reachability.one_march import part_memory
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import HoldfastError, ScenarioError, SimulationError
 from holdfast.execution.level_set.slab import Edges, Part
 from holdfast.execution.level_set.sweeping import StageAnswer, StageOrder
-from holdfast.execution.resources import Memory
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
 CONNECTION_TIMEOUT = "20s"
@@ -154,7 +159,7 @@ class HeldPart:
     def build(self, posed: Posed, parts: Sequence[Part], stages: int, threads: int) -> None:
         self.parts = parts
         part = parts[self.place]
-        self.part = MarchPart(posed, part, stages=stages, threads=threads, room=Memory())
+        self.part = MarchPart(posed, part, stages=stages, threads=threads)
         self.wanted = part.wanted(parts) if len(parts) > 1 else []
         self.asked = {
             k: which
@@ -211,13 +216,13 @@ async def build(
 
 
 async def ask(
-    march: str, rounds: int, method: str, arguments: Sequence[Any], dask_worker: Any
+    march: str, rounds: int, method: Callable[..., Any], arguments: Sequence[Any], dask_worker: Any
 ) -> Any:
     """What the part answers to a method of `MarchPart`, after so many rounds of stages."""
     held = _held.get((march, dask_worker.address))
     if held is None or held.rounds != rounds:
         return Lost("it has begun anew")
-    return await _told(held, getattr(held.part, method), *arguments)
+    return await _told(held, method, held.part, *arguments)
 
 
 async def carry_out(march: str, rounds: int, orders: Sequence[StageOrder], dask_worker: Any) -> Any:
@@ -317,7 +322,7 @@ class MarchCluster:
         self._count = 0  # workers of the last attempt
 
     @contextmanager
-    def parts(self, posed: Posed, h: Hamiltonian) -> Iterator[Any]:
+    def parts(self, posed: Posed, h: Hamiltonian) -> Iterator[ClusterParts]:
         """The parts of a march in workers, until the end of the block."""
         workers = self._workers()
         count = cut(posed, len(workers))
@@ -393,8 +398,6 @@ class MarchCluster:
 class ClusterParts:
     """The parts of one march, each in a worker."""
 
-    here = False
-
     def __init__(
         self,
         client: Any,
@@ -446,20 +449,23 @@ class ClusterParts:
                 remedy="look at its log; wait for its other tasks, or start it again",
             ) from None
 
-    def ask(self, method: str, *arguments: Any) -> list[Any]:
-        if method == "carry_out":
-            answers = self._answers(carry_out, self._names, self._march, self._rounds, *arguments)
-            self._rounds += 1
-            return answers
+    def ask(
+        self, method: Callable[[MarchPart, *Asked], Answer], *arguments: *Asked
+    ) -> list[Answer]:
         asked = (self._march, self._rounds, method, arguments)
         return self._answers(ask, self._names, *asked)
 
-    def ask_one(self, place: int, method: str, *arguments: Any) -> Any:
+    def ask_one(
+        self, place: int, method: Callable[[MarchPart, *Asked], Answer], *arguments: *Asked
+    ) -> Answer:
         asked = (self._march, self._rounds, method, arguments)
-        return self._answers(ask, [self._names[place]], *asked)[0]
+        answer: Answer = self._answers(ask, [self._names[place]], *asked)[0]
+        return answer
 
-    def exchange(self) -> None:
-        """Every part takes over the edges of the others when it is asked for the next stages."""
+    def carry_out(self, orders: Sequence[StageOrder]) -> list[list[StageAnswer]]:
+        answers = self._answers(carry_out, self._names, self._march, self._rounds, orders)
+        self._rounds += 1
+        return answers
 
     def release(self) -> None:
         """Have the workers let go of their parts."""

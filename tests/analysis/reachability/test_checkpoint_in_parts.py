@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast.analysis.reachability import march_part
-from holdfast.analysis.reachability.divided_march import Here
-from holdfast.analysis.reachability.march_part import PartFiles, read_parts, write_part
+from holdfast.analysis.reachability import posed_march
+from holdfast.analysis.reachability.checkpoint import PartFiles, read_parts, write_part
 from holdfast.errors import OutputError, SimulationError
-from tests.divided_marches import basin, same
+from tests.divided_marches import Here, basin, same
 
 PARTS = "capture-basin.checkpoint.parts"
 
@@ -27,10 +26,10 @@ def ended(folder, monkeypatch, *, count, writes):
         return write_part(generation, first, arrays)
 
     with monkeypatch.context() as patched:
-        patched.setattr(march_part, "write_part", write)
+        patched.setattr(posed_march, "write_part", write)
         options = {"checkpoint": folder, "checkpoint_every": 0}
         with pytest.raises(KeyboardInterrupt):
-            basin(**options, cluster=Here(1, count=count))
+            basin(**options, cluster=Here(count=count))
 
 
 def generations(folder):
@@ -44,7 +43,7 @@ def test_what_was_written_of_another_cut_is_not_mixed_in(tmp_path, monkeypatch):
     said = json.loads((tmp_path / PARTS / "said.json").read_text())
     assert said["parts"] == [0, 10]
     assert generations(tmp_path) == [said["generation"]]
-    found = basin(checkpoint=tmp_path, cluster=Here(1, count=4))
+    found = basin(checkpoint=tmp_path, cluster=Here(count=4))
     same(basin(), found, "computed_share")
 
 
@@ -60,17 +59,17 @@ def test_who_has_been_given_up_writes_nowhere_else(tmp_path):
 def test_a_folder_that_a_part_cannot_see_is_refused(tmp_path, monkeypatch):
     """As /tmp of another machine."""
     monkeypatch.setattr(
-        march_part, "write_part", lambda g, *given: write_part(Path("/none") / g.name, *given)
+        posed_march, "write_part", lambda g, *given: write_part(Path("/none") / g.name, *given)
     )
     with pytest.raises(OutputError, match="which all machines of the cluster share") as refused:
-        basin(checkpoint=tmp_path, cluster=Here(1, count=2))
+        basin(checkpoint=tmp_path, cluster=Here(count=2))
     assert "0-values.npy cannot be written (No such file or directory)" in str(refused.value)
     assert generations(tmp_path) == []
 
 
 @pytest.mark.parametrize("harm", ["missing", "short", "unsaid"])
 def test_a_part_of_a_checkpoint_that_is_damaged_is_refused(harm, tmp_path):
-    basin(checkpoint=tmp_path, cluster=Here(1, count=3))
+    basin(checkpoint=tmp_path, cluster=Here(count=3))
     folder = tmp_path / PARTS
     [generation] = generations(tmp_path)
     part = folder / generation / "7-values.npy"
@@ -85,18 +84,18 @@ def test_a_part_of_a_checkpoint_that_is_damaged_is_refused(harm, tmp_path):
     with pytest.raises(
         SimulationError, match=r"\.parts cannot be read as a checkpoint; expected a checkpoint that"
     ):
-        basin(checkpoint=tmp_path, cluster=Here(1, count=2))
+        basin(checkpoint=tmp_path, cluster=Here(count=2))
     shutil.rmtree(folder)
-    basin(checkpoint=tmp_path, cluster=Here(1, count=2))
+    basin(checkpoint=tmp_path, cluster=Here(count=2))
 
 
 def test_the_folder_is_the_same_for_whoever_works_elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     asked = []
-    write = march_part.write_part
+    write = posed_march.write_part
     monkeypatch.setattr(
-        march_part, "write_part", lambda g, *given: asked.append(g) or write(g, *given)
+        posed_march, "write_part", lambda g, *given: asked.append(g) or write(g, *given)
     )
-    basin(checkpoint="six", cluster=Here(1, count=2))
+    basin(checkpoint="six", cluster=Here(count=2))
     folders = {tmp_path / "six.parts", tmp_path / "six.rest.parts"}  # of both marches
     assert {g.parent for g in asked} == folders

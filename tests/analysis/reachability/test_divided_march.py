@@ -6,10 +6,10 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.reachability import march_part, memory_estimate, one_march
-from holdfast.analysis.reachability.divided_march import Here
-from holdfast.analysis.reachability.march_part import MarchPart
-from holdfast.analysis.reachability.memory_estimate import traffic
+from holdfast.analysis.reachability import disk_estimate, one_march, posed_march
+from holdfast.analysis.reachability.disk_estimate import traffic
+from holdfast.analysis.reachability.divided_march import MarchPart
+from holdfast.analysis.reachability.posed_march import PosedMarch
 from holdfast.errors import OutputError, SimulationError, SlowWarning
 from holdfast.execution import resources
 from holdfast.execution.level_set import march, sweeping
@@ -17,6 +17,7 @@ from tests.divided_marches import (
     PLACE,
     ROBOT,
     TURNED,
+    Here,
     basin,
     cart,
     grid,
@@ -62,7 +63,7 @@ DIVIDED = [
 def test_a_divided_march_has_the_answer_of_one_machine(problem, options, cuts):
     whole = problem(**options)
     for count, by_step in cuts:
-        same(whole, problem(**options, cluster=Here(1, count=count, by_step=by_step)))
+        same(whole, problem(**options, cluster=Here(count=count, by_step=by_step)))
 
 
 @pytest.mark.parametrize("by_step", [STAGE, STEP])
@@ -70,11 +71,11 @@ def test_the_parts_of_two_states_converge_in_the_same_step(by_step):
     """Which of the rows that are computed together have changed depends on the threads."""
     whole = cart()
     assert whole.report.converged
-    same(whole, cart(cluster=Here(1, count=3, by_step=by_step)), "computed_share")
+    same(whole, cart(cluster=Here(count=3, by_step=by_step)), "computed_share")
 
 
 def test_what_is_settled_is_skipped_in_the_parts_too():
-    assert kernel(cluster=Here(1, count=3)).report.computed_share < 0.97
+    assert kernel(cluster=Here(count=3)).report.computed_share < 0.97
 
 
 SINGLE = {"scheme": "eno2", "precision": "float32"}
@@ -97,14 +98,14 @@ def test_the_stages_of_a_march_from_a_disk_follow_one_another(
     whole = problem(**options)
     monkeypatch.setattr(sweeping, "NODES", 1)  # closely
 
-    alone = sweeping.Streaming.stage
+    alone = sweeping.Streaming._carry_out
 
-    def stage(self, *numbers):
+    def carry_out(self, order):
         """A march of one stage has nothing to follow."""
         assert self.march.method.order == 1, "a stage has gone through the arrays by itself"
-        return alone(self, *numbers)
+        return alone(self, order)
 
-    monkeypatch.setattr(sweeping.Streaming, "stage", stage)
+    monkeypatch.setattr(sweeping.Streaming, "_carry_out", carry_out)
     same(whole, problem(**options, on_disk=tmp_path / "new"))
     assert list((tmp_path / "new").iterdir()) == []
 
@@ -122,17 +123,24 @@ def test_a_march_from_a_disk_whose_stages_do_not_has_the_same_answer(problem, op
 
 
 def test_obstacles_that_move_are_renewed_some_planes_at_a_time(monkeypatch):
-    whole, parts = moving_set(scheme="eno2"), Here(1, count=3, by_step=STAGE)
-    monkeypatch.setattr(march_part, "NODES_RENEWED_AT_ONCE", 1000)  # two planes
+    whole, parts = moving_set(scheme="eno2"), Here(count=3, by_step=STAGE)
+    monkeypatch.setattr(posed_march, "NODES_RENEWED_AT_ONCE", 1000)  # two planes
     monkeypatch.setattr(march, "TOGETHER", 600)  # of which a part may have one and a half
     same(whole, moving_set(scheme="eno2"))
     same(whole, moving_set(scheme="eno2", cluster=parts))
 
 
 @pytest.mark.parametrize(
-    "ends", [{"count": 2}, {"room": "disk"}, {"count": 3, "by_step": STAGE}, {}], ids=str
+    ("first", "then"),
+    [
+        ({"cluster": Here(2)}, {}),
+        ({"on_disk": "disk"}, {"cluster": Here()}),
+        ({"cluster": Here(3, STAGE)}, {"cluster": Here()}),
+        ({}, {"cluster": Here(4)}),
+    ],
+    ids=["two parts", "disk", "three parts", "whole"],
 )
-def test_any_march_goes_on_from_the_checkpoint_of_another(ends, tmp_path):
+def test_any_march_goes_on_from_the_checkpoint_of_another(first, then, tmp_path):
     """Of one in parts a march cut otherwise, and of one in a file one in parts.
 
     It is the first of two marches, which are half the way each.
@@ -144,12 +152,13 @@ def test_any_march_goes_on_from_the_checkpoint_of_another(ends, tmp_path):
         if share > 0.25:
             raise KeyboardInterrupt
 
-    begins = ends | {"room": resources.Disk(tmp_path / "disk")} if "room" in ends else ends
+    if "on_disk" in first:
+        first = {"on_disk": tmp_path / "disk"}
     options = {"checkpoint": tmp_path, "checkpoint_every": 0}
     with pytest.raises(KeyboardInterrupt):
-        basin(**options, progress=stop, cluster=Here(1, **begins))
+        basin(**options, progress=stop, **first)
     rest = []
-    found = basin(**options, progress=rest.append, cluster=Here(1, count=4 if not ends else 1))
+    found = basin(**options, progress=rest.append, **then)
     same(basin(), found, "computed_share")
     rest = [share for share in rest if share <= 0.5]
     assert len(told) + len(rest) - 1 <= found.report.steps <= len(told) + len(rest)
@@ -168,7 +177,7 @@ def test_where_the_value_is_not_finite_is_the_same_node():
         whole = said(scheme=scheme)
         assert "the value is not finite at x = -2, y = -1.3, psi = -3.14159 after" in whole
         for by_step in (STAGE, STEP):
-            assert said(scheme=scheme, cluster=Here(1, count=3, by_step=by_step)) == whole
+            assert said(scheme=scheme, cluster=Here(count=3, by_step=by_step)) == whole
 
 
 def test_the_disk_says_the_same_of_what_cannot_be_marched_on(tmp_path, monkeypatch):
@@ -195,7 +204,7 @@ def test_the_disk_says_the_same_of_what_cannot_be_marched_on(tmp_path, monkeypat
 def test_what_a_step_reads_and_writes_is_counted_by_passes_over_the_arrays(monkeypatch):
     counted = []
 
-    def count(posed, _):
+    def count(posed, *_):
         counted.append(posed)
         raise KeyboardInterrupt
 
@@ -223,14 +232,14 @@ def test_grids_that_cannot_be_cut_are_refused():
     with pytest.raises(SimulationError, match=r"the symmetry reflects 'psi', along which the grid"):
         hf.discriminating_kernel(
             TURNED, post(), grid(TURNED), 0.1, symmetry={"y": -1, "psi": -1},
-            cluster=Here(1, count=2),
+            cluster=Here(count=2),
         )  # fmt: skip
     with pytest.raises(SimulationError, match="cluster: 'tcp://a:1'; expected a cluster; make one"):
         kernel(cluster="tcp://a:1")
     with pytest.raises(SimulationError, match="on_disk: 3; expected a folder"):
         kernel(on_disk=3)
     with pytest.raises(SimulationError, match="begin or until with a cluster"):
-        kernel(cluster=Here(1), until=lambda value: True, scheme="upwind")
+        kernel(cluster=Here(), until=lambda value: True, scheme="upwind")
 
 
 def test_a_disk_that_is_full_or_cannot_be_written_is_refused_before_the_march(
@@ -249,20 +258,21 @@ def test_a_disk_for_the_answer_of_a_cluster_is_refused_before_the_march(tmp_path
     (tmp_path / "file").write_text("")
     told = []
     with pytest.raises(OutputError, match=r"file/d cannot be written \(Not a directory"):
-        tube(cluster=Here(1, count=2), on_disk=tmp_path / "file" / "d", progress=told.append)
+        tube(cluster=Here(count=2), on_disk=tmp_path / "file" / "d", progress=told.append)
     assert told == []
 
 
 @pytest.mark.parametrize("problem", [basin, tube])
 def test_all_large_arrays_of_a_march_from_a_disk_are_there(problem, tmp_path, monkeypatch):
     """Also those that bound it where leaving the grid is taken for lost, or for won."""
-    held, begun = [], MarchPart.open
+    held, begun = [], PosedMarch.__enter__
 
-    def begin(part):
-        held.extend(a for a in part.bounded() if a is not None)
-        begun(part)
+    def begin(march):
+        bounds = (march._obstacles.upper, march._obstacles.lower)
+        held.extend(a for a in (march.now(), *bounds) if a is not None)
+        return begun(march)
 
-    monkeypatch.setattr(MarchPart, "open", begin)
+    monkeypatch.setattr(PosedMarch, "__enter__", begin)
     problem(on_disk=tmp_path, check_outside=True)
     assert len(held) > 3
     assert all(a._mmap is not None for a in held)
@@ -276,18 +286,18 @@ def test_few_nodes_are_timed_of_a_grid_with_large_planes(tmp_path, monkeypatch):
             timed.append(len(self.now()))
             super().open()
 
-    monkeypatch.setattr(memory_estimate, "MarchPart", Timed)
-    monkeypatch.setattr(memory_estimate, "total_memory", lambda: 1e5)
-    monkeypatch.setattr(memory_estimate, "PROBE", 2**20)
-    monkeypatch.setattr(memory_estimate, "TIMED", 4000)
+    monkeypatch.setattr(disk_estimate, "MarchPart", Timed)
+    monkeypatch.setattr(disk_estimate, "total_memory", lambda: 1e5)
+    monkeypatch.setattr(disk_estimate, "PROBE", 2**20)
+    monkeypatch.setattr(disk_estimate, "TIMED", 4000)
     with pytest.warns(SlowWarning):
         two_carts(on_disk=tmp_path)
     assert set(timed) == {7 * 7 * 8 * 10}
 
 
 def test_how_slow_a_disk_is_is_said_beforehand(tmp_path, monkeypatch):
-    monkeypatch.setattr("holdfast.analysis.reachability.memory_estimate.total_memory", lambda: 1e5)
-    monkeypatch.setattr("holdfast.analysis.reachability.memory_estimate.PROBE", 2**20)
+    monkeypatch.setattr("holdfast.analysis.reachability.disk_estimate.total_memory", lambda: 1e5)
+    monkeypatch.setattr("holdfast.analysis.reachability.disk_estimate.PROBE", 2**20)
     said = (
         r"the arrays take 0.000.* GiB of .*: where nothing is settled a step takes about .* times"
     )
@@ -297,6 +307,6 @@ def test_how_slow_a_disk_is_is_said_beforehand(tmp_path, monkeypatch):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         monkeypatch.setattr(
-            "holdfast.analysis.reachability.memory_estimate.total_memory", resources.total_memory
+            "holdfast.analysis.reachability.disk_estimate.total_memory", resources.total_memory
         )
         tube(on_disk=tmp_path)

@@ -8,6 +8,7 @@ import holdfast as hf
 from holdfast.execution.device.program import HostDevice, whole_text
 from holdfast.execution.level_set.device_sweeping import march_text
 from holdfast.execution.level_set.march import March, Method
+from holdfast.execution.level_set.sweeping import Within
 from tests.devices import accepted_by_cuda, needs_cpp, needs_nvcc
 from tests.drift_on_axes import KINDS, hamiltonian
 
@@ -139,7 +140,9 @@ def test_rough_values_and_all_ends_differ_by_roundings(shape, scheme, precision)
     for device in (None, HostDevice()):
         m = march(shape, scheme, device, precision)
         values = start.ravel().copy()
-        done = m.run(values, [1.3 * m.longest_step, 4 * m.longest_step], nearest=1e-9)
+        done = m.run(
+            values, [1.3 * m.longest_step, 4 * m.longest_step], within=Within(nearest=1e-9)
+        )
         found.append((values, done))
     (here, one), (there, other) = found
     np.testing.assert_allclose(there, here, rtol=0, atol=ROUNDING[precision] / 10)

@@ -46,7 +46,7 @@ from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.maths.definitions.law import LawCases, Option, Program
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.expressions import functions
-from holdfast.maths.expressions.syntax import syntax_tree
+from holdfast.maths.expressions.traversal import syntax_tree
 
 LONGEST = 100_000
 MOST, LONGEST_NUMBER = 64, 10_000

@@ -31,7 +31,6 @@ from holdfast.arguments import checked
 from holdfast.errors import SimulationError, check_name
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.resources import Progress
-from holdfast.maths.control.barrier_conditions import check_states
 from holdfast.maths.decomposition.grouping import Group, Grouping, alternatives, grouped
 from holdfast.maths.decomposition.prediction import Prediction, predicted
 from holdfast.maths.definitions.bounds import Box, product
@@ -471,7 +470,7 @@ def decompose(
     model = with_disturbance(system, {} if disturbance is None else disturbance)
     for r in (region, goal):
         if r is not None:
-            check_states(model, r)
+            r.check_states(model.name, model.state_names)
     rows = {"region": _rows(region), "goal": _rows(goal)}
     numbers = _numbers(model, region, goal)
     promised: dict[str, Guarantee] = {}

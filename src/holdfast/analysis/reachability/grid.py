@@ -1,4 +1,5 @@
-"""A grid over the states of a system: its nodes, what its axes have at their ends, and checks."""
+"""A grid over the states of a system: its nodes, what its axes have at their ends, checks, and how
+much values change from node to node."""
 
 from __future__ import annotations
 
@@ -13,6 +14,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import ENDS
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.system import System
@@ -214,3 +216,20 @@ def _axis(
             f"'{q.name}' is periodic over [{low:g}, {high:g}]", expected="an angle over 2 pi"
         )
     return Axis(q, low, high, count, ends)
+
+
+def largest_change(values: Array) -> float:
+    """The largest difference between neighbours, at the nodes in the set or next to it."""
+
+    def largest(ahead: Array, behind: Array) -> float:
+        near = (ahead > 0) | (behind > 0)
+        return float(np.abs(ahead - behind)[near].max(initial=0.0))
+
+    change = 0.0
+    for k, slab in enumerate(values):  # slab by slab, to save memory
+        if k:
+            change = max(change, largest(slab, values[k - 1]))
+        for i in range(slab.ndim):
+            rows = np.moveaxis(slab, i, 0)
+            change = max(change, largest(rows[1:], rows[:-1]))
+    return change

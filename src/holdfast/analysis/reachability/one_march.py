@@ -12,12 +12,6 @@ With tau the time to go, W the value, l the margin of a region (`Region.margin`,
 H is the best of one player against the worst of the other (`maths/games/hamiltonian.py`). Positive
 is in the set, in every problem.
 
-The state of a march is in a file, to go on from. The file is replaced as a whole, so that whenever
-a process ends, the last state or the one before is there. What is skipped in a march is only what
-would not change: begun again from its values and the number of its steps alone, it goes on to the
-same bit. A march that is divided, or on a disk, has a folder instead (`march_part.py`); any march
-goes on from either, whichever is further.
-
 A scheme of high order may stand still at a ridge at which the solution moves. The same scheme held
 close to a monotone step (`execution/level_set/stage_leaf.py`) converges to the solution, at the
 price of first order at every ridge. So both are asked: with V of the march of high order and F of
@@ -42,194 +36,50 @@ answer is the lesser of both values.
 
 from __future__ import annotations
 
-import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, fields, is_dataclass, replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, Protocol, Self, Unpack
 
 import numpy as np
 import sympy as sp
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from holdfast._version import __version__
-from holdfast.analysis.reachability.divided_march import (
-    DividedMarch,
-    PartsLostError,
-    room_of,
-    workplace,
-)
-from holdfast.analysis.reachability.grid import Grid
-from holdfast.analysis.reachability.march_part import (
-    PartFiles,
-    hamiltonian_of,
+from holdfast.analysis.reachability.checkpoint import Checkpoint, Resumable
+from holdfast.analysis.reachability.disk_estimate import check_disk
+from holdfast.analysis.reachability.divided_march import DividedMarch, PartsLostError, Workplace
+from holdfast.analysis.reachability.grid import Grid, whole
+from holdfast.analysis.reachability.march_report import Report
+from holdfast.analysis.reachability.posed_march import (
+    Facts,
+    finer,
+    march_here,
     named,
-    readable,
+    on_finer_grid,
+    room_of,
     stops,
 )
-from holdfast.analysis.reachability.march_report import Report
-from holdfast.analysis.reachability.memory_estimate import check_disk, check_fits, memory_of
-from holdfast.analysis.reachability.posed_march import (
-    march_of,
-    on_finer_grid,
-    refined_march,
-    refinement_of,
+from holdfast.analysis.reachability.problem import (
+    Ends,
+    Marching,
+    MarchOptions,
+    Posed,
+    marching_of,
 )
-from holdfast.analysis.reachability.problem import Ends, Marching, Posed
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
-from holdfast.errors import OutputError, SimulationError
+from holdfast.arguments import checked
+from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import Done, March, Method, OverGrid
 from holdfast.execution.level_set.refined_march import RefinedMarch
-from holdfast.execution.resources import Memory, Room
-from holdfast.host.files import atomic_file, remove_left_over
+from holdfast.execution.level_set.slab import Part
+from holdfast.execution.level_set.sweeping import Within
+from holdfast.execution.resources import Memory, Room, check_memory
 from holdfast.maths.definitions.system import System
 from holdfast.maths.games.hamiltonian import Hamiltonian, check_symmetry, hamiltonian
-
-SHOWN = 40
-"""Characters up to which two texts that differ are shown."""
-
-
-class Checkpoint:
-    """The state of the march of `posed` in the file `path`, written every `every` s of wall time.
-
-    code: what the compiled march is called, which is a digest of its text. in_parts: whether every
-    part of the march writes its own.
-    """
-
-    def __init__(self, path: Path, every: float, posed: Posed, code: str, in_parts: bool) -> None:
-        self.path = path
-        self.every = every
-        self.identity = identity(posed) | {"the code of the march": code}
-        self.written = time.monotonic()
-        self._files = PartFiles(path.with_name(f"{path.name}.parts"))
-        self._in_parts = in_parts
-
-    def load(self, march: DividedMarch) -> Done:
-        """Put back what was held; a march that has not begun where there is nothing.
-
-        Raises `SimulationError` for another file than a checkpoint, and for one of another problem.
-        """
-        remove_left_over(self.path.parent)  # of a process that ended while it wrote
-        saved = {p: said for p in (self.path, self._files.path) if (said := self._said(p))}
-        if not saved:
-            return Done()
-        path = max(saved, key=lambda p: saved[p]["done"]["steps"])
-        with readable(path):
-            done = Done(**saved[path]["done"])
-        march.each("restore", path.absolute(), saved[path].get("then", 0.0))
-        return done
-
-    def _said(self, path: Path) -> dict[str, Any] | None:
-        """What a checkpoint says of itself; None where there is none."""
-        if not path.exists():
-            return None
-        with readable(path):
-            if path == self._files.path:
-                said = self._files.said()
-            elif path.is_file():
-                with np.load(path, allow_pickle=False) as arrays:
-                    said = json.loads(str(arrays["said"]))
-            else:
-                raise SimulationError(
-                    f"{path} is not a regular file", remedy="choose another for it"
-                )
-            if said is not None:
-                self._check(said["problem"])
-        return said
-
-    def save(self, done: Done, march: DividedMarch) -> None:
-        said = {"problem": self.identity, "done": asdict(done), "then": march.recorded()}
-        try:
-            if self._in_parts:
-                self._save_parts(said, march)
-            else:
-                with atomic_file(self.path) as partial, partial.open("wb") as file:
-                    arrays: dict[str, Any] = dict(march.arrays())
-                    np.savez(file, said=np.array(json.dumps(said)), **arrays)
-        except OutputError as error:
-            raise OutputError(
-                f"the checkpoint {error.cause}",
-                remedy="choose a folder that exists, with room for it"
-                + (", which all machines of the cluster share" if march.divided else ""),
-            ) from None
-        self.written = time.monotonic()
-
-    def _save_parts(self, said: Mapping[str, Any], march: DividedMarch) -> None:
-        generation = self._files.begin()
-        try:
-            written = march.each("write", generation)
-        except BaseException:
-            self._files.remove(generation)
-            raise
-        self._files.finish(said, generation, written)
-
-    @property
-    def due(self) -> bool:
-        """Whether the last time was long enough ago."""
-        return time.monotonic() - self.written >= self.every
-
-    def _check(self, other: Mapping[str, str]) -> None:
-        here = self.identity
-        unlike = [n for n in {**here, **other} if here.get(n) != other.get(n)]
-        if not unlike:
-            return
-        name = unlike[0]
-        two = other.get(name, "none"), here.get(name, "none")
-        shown = f", {two[0]} there and {two[1]} here" if len("".join(two)) <= SHOWN else ""
-        more = f" (and {', '.join(unlike[1:])})" if unlike[1:] else ""
-        raise SimulationError(
-            f"the checkpoint {self.path} belongs to another problem: {name} differs{shown}{more}",
-            remedy="remove it to begin anew, or choose another file",
-        )
-
-
-def identity(posed: Posed) -> dict[str, str]:
-    """All that the numbers of a march depend on, by what a user calls it."""
-    system, problem, marching = posed.system, posed.problem, posed.marching
-    facts = {
-        "the version of holdfast": __version__,
-        "the problem": problem.kind,
-        "the horizon": repr(posed.horizon),
-        "start_time": repr(posed.start_time),
-        "the times": repr(posed.asked if posed.several else ()),
-        "arrival_steps": repr(posed.arrival_steps),
-        "what is beyond the grid": posed.beyond or "continued",
-    }
-    facts |= {f"the axis {a.name}": _text(a) for a in posed.grid.axes}
-    facts |= {f"parameter {q.name}": repr(q.value) for q in posed.named}
-    facts |= {f"disturbance {n}": _text(v) for n, v in posed.disturbance.items()}
-    facts |= {f"the rate of {n}": sp.srepr(r) for n, r in system.rates.items()}
-    facts["the bounds of the inputs"] = _text(system.input_bounds)
-    facts["the bounds of the disturbances"] = _text(system.disturbance_bounds)
-    facts["the players"] = f"{problem.inputs}, {problem.disturbances}"
-    for i, region in enumerate(problem.regions):
-        facts[f"the {'second ' if i else ''}region"] = f"{region.name}: {sp.srepr(region.margin)}"
-    facts |= {
-        name: repr(getattr(marching, name))
-        for name in (
-            "scheme", "dissipation", "precision", "band", "tolerance", "symmetry", "samples"
-        )
-    }  # fmt: skip
-    facts["order"] = repr(posed.method.order)
-    facts["cfl"] = repr(posed.method.cfl)
-    facts["the Runge-Kutta method"] = repr(posed.method.steps)
-    facts["whether it is filtered"] = repr(posed.filtered)
-    return facts
-
-
-def _text(value: object) -> str:
-    """A value of the library, by its parts."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return "; ".join(f"{f.name} {_text(getattr(value, f.name))}" for f in fields(value))
-    if isinstance(value, (sp.Basic, sp.MatrixBase)):
-        return str(sp.srepr(value))
-    if isinstance(value, tuple):
-        return "(" + ", ".join(_text(v) for v in value) + ")"
-    return repr(value)
-
 
 GROWTH_CHECKED = 25
 """Steps from one look at whether the value has grown to the next: they cost it nothing."""
@@ -256,6 +106,31 @@ Until = Callable[[ValueFunction], bool]
 """Called now and then with the value so far; where it gives True, the march ends."""
 
 
+class MarchedValues(Resumable, Protocol):
+    """The values of a march and its stages, as `PosedMarch` has them on this machine, or as
+    `DividedMarch` has them of others."""
+
+    @property
+    def march(self) -> March | RefinedMarch: ...
+    @property
+    def start(self) -> Facts: ...
+    def __enter__(self) -> Self: ...
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None: ...
+    def advances(
+        self, times: Sequence[float], within: Within, done: Done
+    ) -> Iterator[float | None]: ...
+    def keep(self, time: float) -> None: ...
+    def largest(self) -> float: ...
+    def highest(self) -> float: ...
+    def on_one_side(self, limit: str) -> bool: ...
+    def ends(self) -> Ends: ...
+
+
 class OneMarch:
     """A march from its beginning, or from its checkpoint, to its end."""
 
@@ -266,84 +141,69 @@ class OneMarch:
         progress: Progress | None,
         until: Until | None,
         *,
+        memory: int,
         begun: bool,
     ) -> None:
-        """posed: as it was asked for, on a grid that may be refined. begun: whether it begins with
-        another value than that of the problem."""
-        self._memory, self._base = memory_of(posed), posed.grid
-        posed = on_finer_grid(posed)
+        """memory: that the march takes [bytes]. begun: whether it begins with another value than
+        that of the problem."""
         self._posed, self._h, self._progress, self._until = posed, h, progress, until
-        self._enough, self._begun = False, begun
+        self._enough, self._memory, self._begun = False, memory, begun
         self._saved: Checkpoint | None = None
         self.got_further = False  # than the checkpoint that it began with
 
-    def result(self, held: DividedMarch) -> ValueFunction:
-        posed, marching = self._posed, self._posed.marching
-        self._held, refined = held, marching.refine > 1
-        of_start = {"start_rate": held.start_rate, "falls": held.falls}
-        self._march: March | RefinedMarch = (
-            refined_march(posed, self._base, self._h, **of_start)
-            if refined
-            else march_of(posed, self._h, posed.grid, fastest=held.fastest, **of_start)
-        )
-        self._rounding = float(np.finfo(marching.precision).eps) / self._march.longest_step
-        room, done = room_of(marching), Done()
-        if marching.checkpoint is not None:
-            path = marching.checkpoint_file(posed.problem.kind)
-            in_parts = held.divided or room.on_disk
-            self._saved = Checkpoint(path, marching.checkpoint_every, posed, held.code(), in_parts)
-            done = self._saved.load(held)
+    def result(self, values: MarchedValues) -> ValueFunction:
+        posed = self._posed
+        self._values, self._march = values, values.march
+        self._rounding = float(np.finfo(posed.marching.precision).eps) / self._march.longest_step
+        room, done = room_of(posed), Done()
+        if posed.marching.checkpoint is not None:
+            self._saved = Checkpoint(posed, values, values.divided or room.on_disk)
+            done = self._saved.load()
             if done.steps == 0:
-                self._saved.save(done, held)  # if it cannot be written, that is said now
-        done = self._to_the_end(done)
-        held.keep(done.time)
-        largest = held.largest()
-        _check_growth(largest, held.highest, held.start.cell, done.time)
+                self._saved.save(done)  # if it cannot be written, that is said now
+        self._to_the_end(done)
+        values.keep(done.time)
+        largest = values.largest()
+        _check_growth(largest, values.highest(), values.start.cell, done.time)
         if self._saved is not None:
-            self._saved.save(done, held)
+            self._saved.save(done)
         report = self._report(done, largest)
-        return _result(posed, held.arrays(room), report, room)
+        return _result(posed, values.arrays(room), report, room)
 
-    def _to_the_end(self, done: Done) -> Done:
-        held, posed, march, band = self._held, self._posed, self._march, self._posed.marching.band
-        start = held.start
+    def _to_the_end(self, done: Done) -> None:
+        values, posed, began = self._values, self._posed, time.perf_counter() - done.seconds
+        with values:
+            advances = values.advances(stops(posed), self._within(), done)
+            for end in advances if not done.stopped else ():
+                done.seconds = time.perf_counter() - began
+                if end is not None:
+                    values.keep(end)
+                done.stopped = self._tell(done)
+                if done.stopped:
+                    break
+
+    def _within(self) -> Within:
+        posed, start, band = self._posed, self._values.start, self._posed.marching.band
         shrinks = posed.problem.limit == "shrink"
         deepest = max(start.highest, DEEPEST * start.cell) if shrinks else DEEPEST * start.deepest
-        limits = {
-            "floor": -min(band, deepest),
-            "ceiling": min(band, start.highest) if posed.beyond else band,
-            "nearest": 1e-9 * start.highest,
-        }
-        if isinstance(march, RefinedMarch):
-            values, upper, lower = held.bounded()
-            held.complete = lambda: march.complete()
-            return march.run(
-                values, stops(posed), upper=upper, lower=lower, keep=held.keep, tell=self._tell,
-                **limits,
-            )  # fmt: skip
-        moves = any(r.moves for r in posed.problem.regions)
-        held.open()
-        done = march.drive(
-            held, stops(posed), refresh=held.refresh if moves else None, keep=held.keep,
-            tell=self._tell, done=done, **limits,
-        )  # fmt: skip
-        held.close()
-        return done
+        ceiling = min(band, start.highest) if posed.beyond else band
+        return Within(-min(band, deepest), ceiling, 1e-9 * start.highest)
 
     def _tell(self, done: Done) -> bool:
-        held, posed = self._held, self._posed
+        """Whether the march ends here."""
+        values, posed = self._values, self._posed
         if self._progress is not None:
             self._progress(done.time / posed.horizon)
         if posed.arrival_steps and done.measured:
-            held.keep(done.time)  # before it converges: the first stop may be later
+            values.keep(done.time)  # before it converges: the first stop may be later
         if done.steps % GROWTH_CHECKED == 0:
-            _check_growth(held.largest(), held.highest, held.start.cell, done.time)
+            _check_growth(values.largest(), values.highest(), values.start.cell, done.time)
         if self._saved is not None and self._saved.due:
-            self._saved.save(done, held)
+            self._saved.save(done)
             self.got_further = True
         if self._until is not None and done.steps % LOOKED == 0:
-            values = held.arrays(Memory())["values"].reshape(posed.grid.shape)
-            self._enough = self._until(to_value_function(posed.grid, values, Report()))
+            table = values.arrays(Memory())["values"].reshape(posed.grid.shape)
+            self._enough = self._until(to_value_function(posed.grid, table, Report()))
         done.converged = done.measured and self._at_rest(done)
         return self._enough or done.converged
 
@@ -357,7 +217,7 @@ class OneMarch:
     def _decided(self, done: Done) -> bool:
         """Whether nothing is left, or everything, and no node changes side again."""
         posed = self._posed
-        return not posed.varies and done.last == 0.0 and self._held.on_one_side(posed.limit)
+        return not posed.varies and done.last == 0.0 and self._values.on_one_side(posed.limit)
 
     def _at_rest(self, done: Done) -> bool:
         posed = self._posed
@@ -371,8 +231,9 @@ class OneMarch:
         return (still and lengths >= max(posed.grid.shape)) or (little and done.fixed)
 
     def _report(self, done: Done, largest: float) -> Report:
-        posed, h, held = self._posed, self._h, self._held
+        posed, h, values = self._posed, self._h, self._values
         problem, marching = posed.problem, posed.marching
+        refined = marching.refine > 1
         return Report(
             holdfast_version=__version__,
             kind=problem.kind,
@@ -390,8 +251,8 @@ class OneMarch:
             begun_from_another=self._begun,
             tolerance_cells=marching.tolerance,
             residual_cells=0.0 if self._decided(done) else self._residual(done),
-            ends_reached="" if posed.filtered else _ends_reached(posed, h.system, held.ends()),
-            cell=held.start.cell,
+            ends_reached="" if posed.filtered else _ends_reached(posed, h.system, values.ends()),
+            cell=values.start.cell,
             scheme=marching.scheme,
             order=posed.method.order,
             dissipation=marching.dissipation,
@@ -403,7 +264,8 @@ class OneMarch:
             memory_bytes=self._memory,
             computed_share=done.computed / max(done.of, 1),
             wall_time_s=done.seconds,
-            **(refinement_of(self._march) if isinstance(self._march, RefinedMarch) else {}),
+            refine=marching.refine if refined else None,
+            marched_share=done.marched / max(done.steps * posed.grid.nodes, 1) if refined else None,
             parameters={q.name: q.value for q in posed.named},
             disturbance={
                 n: float(v) if v.is_number else str(v) for n, v in posed.disturbance.items()
@@ -469,35 +331,147 @@ def _result(posed: Posed, arrays: dict[str, Array], report: Report, room: Room) 
     return to_value_function(grid, table, report, times=asked, arrival=arrival)
 
 
+@checked
+def march_memory(
+    grid: Grid,
+    *,
+    capture: bool = False,
+    moving: bool = False,
+    opposed: bool = False,
+    times: int = 0,
+    least_times: bool | None = None,
+    **options: Unpack[MarchOptions],
+) -> int:
+    """The bytes of the arrays of a march over `grid` at its peak.
+
+    capture: of a capture basin, with its `least_times` unless arrival_steps = 0. moving: the
+    problem depends on time. opposed: a disturbance works against getting to a basin. times: the
+    number of requested values. options: those of `Marching`; precision, order (or scheme),
+    estimate_error and check_outside matter.
+
+    In units of the value at every node: one for each stage of the Runge-Kutta method (two at
+    least), two for obstacles, two for each of the times (one until the end of the march), one for
+    the error estimate, two and 8 bytes a node for the least times, four and a byte a node for
+    `check_outside`. Of what is marched twice (all but basins that nothing opposes or moves, and
+    what is of first order with local-local) what the first gave: one, or one for each of the times,
+    and 8 bytes a node for least times. With `refine` the nodes are those of the finer grid; of the
+    stages of the method only the blocks that are marched take memory, so that this is then the most
+    that it can be. The compiled march and its libraries take some 300 MB more, independent of the
+    grid.
+
+    Raises `SimulationError` for invalid options.
+    """
+    wanted = capture if least_times is None else least_times
+    count = whole("times: ", times, 0)
+    marching = marching_of(options)
+    held = not marching.first_order and (opposed or moving or not capture)
+    beside = marching.smeared or held
+    return _bytes(grid, marching, capture or moving, count, wanted, beside)
+
+
+def memory_of(posed: Posed) -> int:
+    """The same for a complete problem."""
+    return _bytes_of(posed, beside=posed.marched_twice)
+
+
+def _bytes_of(posed: Posed, *, beside: bool) -> int:
+    obstacles = posed.problem.limit == "free" or posed.varies
+    times = len(posed.asked) if posed.several else 0
+    return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps), beside)
+
+
+def part_memory(posed: Posed, part: Part) -> int:
+    """The same for the part of a march that is divided, with its halo, and with two times what it
+    hands over, which is as much as it is handed. The workers do not hold what a first march gave.
+    """
+    planes = part.planes.own_nodes
+    halo = (len(part.nodes) - (planes.stop - planes.start)) * posed.grid.nodes // part.of.nodes
+    edges = 2 * halo * np.dtype(posed.marching.precision).itemsize
+    return _bytes_of(posed, beside=False) * len(part.nodes) // part.of.nodes + edges
+
+
+def check_fits(posed: Posed) -> None:
+    """Refuse a march that exceeds the memory of this machine.
+
+    Of one on a cluster, its answer; one on a disk needs memory for a few planes.
+    """
+    marching, needed, what = posed.marching, memory_of(posed), f"{_nodes(posed):,} nodes"
+    if marching.on_disk is not None:
+        return
+    if marching.cluster is not None:
+        needed, what = answer_bytes(posed), f"the answer at {what}"
+    remedy = "take fewer nodes"
+    if marching.precision == "float64":
+        remedy += ', or precision="float32"'
+    if marching.cluster is None:
+        remedy += ", or march from a disk (on_disk=FOLDER), or on a cluster (cluster=...)"
+    else:
+        remedy += ", or have it on a disk (on_disk=FOLDER)"
+    check_memory(needed, what, remedy)
+
+
+def _nodes(posed: Posed) -> int:
+    """Of the grid of the answer."""
+    return finer(posed.grid, posed.marching.refine).nodes
+
+
+def answer_bytes(posed: Posed) -> int:
+    """Of the values that are brought together, with their records, of each march."""
+    size = np.dtype(posed.marching.precision).itemsize
+    times = 2 * len(posed.asked) if posed.several else 0
+    arrivals = (8 + size) * bool(posed.arrival_steps)
+    marches = 1 + posed.marched_twice
+    return posed.grid.nodes * (size * (1 + times) + arrivals) * marches
+
+
+def _bytes(
+    grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals: bool, beside: bool
+) -> int:
+    arrays = 1 + max(marching.method.stages - 1, 1) + 2 * obstacles + 2 * arrivals
+    if marching.check_outside:
+        arrays += 4
+    elif marching.estimate_error:
+        arrays += 1
+    arrays = max(arrays + times, 2 * times + 1) + beside * max(times, 1)
+    size = np.dtype(marching.precision).itemsize
+    nodes = grid.nodes
+    if marching.refine > 1:
+        nodes += finer(grid, marching.refine).nodes
+    return nodes * (size * arrays + 8 * arrivals * (1 + beside) + marching.check_outside)
+
+
 LOSSES = 3
 """Times that workers may be lost between two checkpoints."""
 
 
 def marched(
     posed: Posed,
+    h: Hamiltonian,
     progress: Progress | None = None,
     begin: Array | None = None,
     until: Until | None = None,
-    h: Hamiltonian | None = None,
 ) -> ValueFunction:
     """The value at the end of the march, with what it is worth.
 
-    begin: values at the nodes that it begins with, where they are less than those of the problem.
-    h: the Hamiltonian of the problem, if it is known.
+    h: the Hamiltonian of the problem. begin: values at the nodes that it begins with, where they
+    are less than those of the problem.
     """
     check_fits(posed)
-    h = h or hamiltonian_of(posed)
     if posed.marching.symmetry is not None:
         check_symmetry(h, posed.problem.regions, posed.marching.symmetry)
     if posed.marching.on_disk is not None and not posed.filtered:
-        check_disk(posed, h)  # of two marches before the first
-    place, finer = workplace(posed.marching), on_finer_grid(posed)
-    losses = 0
+        check_disk(posed, h, memory_of(posed), answer_bytes(posed))  # of two marches at once
+    place: Workplace | None = posed.marching.cluster
+    refined, losses = on_finer_grid(posed), 0
     while True:
-        attempt = OneMarch(posed, h, progress, until, begun=begin is not None)
+        attempt = OneMarch(
+            refined, h, progress, until, memory=memory_of(posed), begun=begin is not None
+        )
+        if place is None:
+            return attempt.result(march_here(refined, posed.grid, h, begin))
         try:
-            with place.parts(finer, h) as parts:
-                return attempt.result(DividedMarch(finer, parts, begin))
+            with place.parts(refined, h) as parts:
+                return attempt.result(DividedMarch(refined, h, parts, begin))
         except PartsLostError as lost:
             losses = 0 if attempt.got_further else losses + 1
             if losses == LOSSES:
@@ -526,6 +500,7 @@ step is as good as monotone up to the whole."""
 
 def marched_to_rest(
     posed: Posed,
+    h: Hamiltonian,
     progress: Progress | None = None,
     begin: Array | None = None,
     until: Until | None = None,
@@ -536,9 +511,8 @@ def marched_to_rest(
     march, which may be the only one.
     """
     if not posed.marched_twice:
-        return marched(posed, progress, begin, until)
-    h = hamiltonian_of(posed)
-    first = marched(posed, _half(progress, 0), begin, until, h)
+        return marched(posed, h, progress, begin, until)
+    first = marched(posed, h, _half(progress, 0), begin, until)
     report, is_kernel = first.report, posed.problem.limit == "shrink"
     if report.ended_early or (is_kernel and report.empty and not posed.several):
         return first
@@ -555,11 +529,11 @@ def marched_to_rest(
     elif not (report.converged and is_kernel) and report.steps > 1:  # one may have no length
         beside = replace(beside, steps=_steps_beside(marching))
     beside = replace(beside, marching=marching)
-    second = marched(beside, _half(progress, 1), begin, h=h)
+    second = marched(beside, h, _half(progress, 1), begin)
     left, rests = second.report.residual_cells, second.report.converged
     if at_rest and not rests and left is not None and left <= marching.tolerance:
         begin = np.array(second.values())
-        second = marched(beside.renamed("at rest"), _half(progress, 1), begin, h=h)
+        second = marched(beside.renamed("at rest"), h, _half(progress, 1), begin)
     return _of_both(first, second, posed)
 
 

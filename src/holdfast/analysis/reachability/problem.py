@@ -23,7 +23,6 @@ from holdfast.execution.device.program import DEVICES
 from holdfast.execution.level_set.march import Method, over_grid
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.stage_leaf import DISSIPATIONS
-from holdfast.maths.control.barrier_conditions import check_states
 from holdfast.maths.definitions.bounds import section
 from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters
 from holdfast.maths.definitions.region import Region
@@ -447,7 +446,7 @@ def pose(
     if problem.backwards:
         moved = replace(moved, rates={n: -r for n, r in moved.rates.items()}, pfaffian=())
     for region in problem.regions:
-        check_states(moved, region)
+        region.check_states(moved.name, moved.state_names)
     if tuple(a.name for a in grid.axes) != moved.state_names:
         raise SimulationError(
             "the grid belongs to another system, with the states "

@@ -19,10 +19,9 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.reachability.grid import Axis, Grid, by_name
-from holdfast.analysis.reachability.march_part import hamiltonian_of
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.one_march import Progress, Until, marched, marched_to_rest
-from holdfast.analysis.reachability.posed_march import check_refined
+from holdfast.analysis.reachability.posed_march import check_refined, hamiltonian_of
 from holdfast.analysis.reachability.problem import (
     MarchOptions,
     Posed,
@@ -45,7 +44,7 @@ from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import over_grid
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
-from holdfast.maths.games.hamiltonian import is_sharp
+from holdfast.maths.games.hamiltonian import Hamiltonian, is_sharp
 
 TOGETHER = 1 << 20
 """Nodes that are looked at together, to save memory."""
@@ -267,15 +266,16 @@ def solve(
     marching = posed.marching
     grids = {False: 0, True: 1, "order": 2}[marching.estimate_error]
     further = coarser(posed, grids)  # refused before the march, if it cannot be
-    start = _begun(posed, begin, until)
-    value = marched_to_rest(posed, progress, start, until)
+    h = hamiltonian_of(posed)
+    start = _begun(posed, h, begin, until)
+    value = marched_to_rest(posed, h, progress, start, until)
     if further:
         sharp = problem.limit == "shrink" and not marching.first_order
         march = marched if sharp else marched_to_rest
-        rougher = [march(other) for other in further]
+        rougher = [march(other, h) for other in further]
         value = with_error_in_cells(with_error(value, rougher), rougher[0])
     if marching.check_outside:
-        value = with_outside(value, posed, marched_to_rest)
+        value = with_outside(value, posed, lambda other: marched_to_rest(other, h))
     if progress is not None:
         progress(1.0)  # a march that comes to rest has not gone the whole way
     value = value.reported(definition=definition(system))
@@ -289,7 +289,7 @@ def _claim(problem: Problem) -> Claim:
 
 
 def _begun(
-    posed: Posed, begin: ValueFunction | None, until: Until | None
+    posed: Posed, h: Hamiltonian, begin: ValueFunction | None, until: Until | None
 ) -> npt.NDArray[Any] | None:
     """The values to begin with; refused where they are those of another problem."""
     if begin is None and until is None:
@@ -313,7 +313,7 @@ def _begun(
             f"a {posed.problem.kind} cannot begin with another value function",
             expected="a kernel whose rates and regions do not depend on time",
         )
-    if not (marching.monotone and is_sharp(hamiltonian_of(posed))):
+    if not (marching.monotone and is_sharp(h)):
         raise SimulationError(
             f"scheme {marching.scheme}, dissipation {marching.dissipation} cannot begin with "
             "another value: its steps are not monotone",

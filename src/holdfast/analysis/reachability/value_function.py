@@ -24,8 +24,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from holdfast.analysis.reachability import stored_values
-from holdfast.analysis.reachability.grid import Axis, Grid, number
-from holdfast.analysis.reachability.march_part import largest_change
+from holdfast.analysis.reachability.grid import Axis, Grid, largest_change, number
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.stored_values import ARRIVALS, Layers, StoredTables
 from holdfast.analysis.simulation.files import write_values

@@ -30,7 +30,6 @@ import sympy as sp
 
 from holdfast.analysis.reachability.grid import whole
 from holdfast.analysis.reachability.march_report import Report
-from holdfast.analysis.reachability.memory_estimate import check_trials
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.depth import Outer, inside_states, outer_states, outside_states
 from holdfast.analysis.safety.safety_filter import (
@@ -49,7 +48,7 @@ from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray, Array, Truths
 from holdfast.execution.leaf import Evaluator
-from holdfast.execution.resources import Progress
+from holdfast.execution.resources import Progress, check_trials
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.maths.control.value_filter import ADVERSARY_AIM
 from holdfast.maths.definitions.law import Law

@@ -28,7 +28,7 @@ from importlib import import_module, resources
 from types import FunctionType
 from typing import TypeAlias
 
-from holdfast.maths.expressions.syntax import syntax_tree
+from holdfast.maths.expressions.traversal import syntax_tree
 
 
 def uncertain(

@@ -26,9 +26,12 @@ from holdfast.execution.device.program import Device
 from holdfast.execution.level_set.schemes import Scheme
 from holdfast.execution.level_set.stage_leaf import Stage, names_of_numbers
 from holdfast.execution.level_set.sweeping import (
+    Bounds,
     Counts,
     Fold,
     Marched,
+    StageOrder,
+    StagesHere,
     first_not_finite,
     layout,
     on_one_side,
@@ -248,7 +251,7 @@ def _declared(places: Mapping[str, str], real: str, indent: str = "    ") -> lis
     return [f"{indent}const {real} {name} = ({real}){place};" for name, place in places.items()]
 
 
-class DeviceSweeping:
+class DeviceSweeping(StagesHere):
     """As `Sweeping`, with arrays of the device. Values come to the host when they are asked for."""
 
     def __init__(
@@ -258,10 +261,11 @@ class DeviceSweeping:
         values: Array,
         upper: Array | None,
         lower: Array | None,
+        bounds: Bounds | None,
     ) -> None:
         self._device, self._stages = device, march.method.stages
         self._xp: Any = device.arrays
-        self._march, self._host = march, values
+        self.march, self._host, self.bounds = march, values, bounds
         stage = march.leaves.stage(lower=lower is not None, upper=upper is not None)
         self._along = stage.rates.along
         text = march_text(stage, march.scheme, march.precision, march.cut[0])
@@ -272,10 +276,10 @@ class DeviceSweeping:
         on_device = self._xp.asarray(values)
         on_device = on_device.copy() if on_device is values else on_device
         self._arrays = [on_device, *(on_device.copy() for _ in range(max(self._stages - 1, 1)))]
-        self._flags = self._xp.ones((max(self._stages, 2), self._units), dtype=np.uint8)
+        self.flags = self._xp.ones((max(self._stages, 2), self._units), dtype=np.uint8)
         self._bounds_here = upper, lower
         self._bounds: list[Any] = []
-        self.bounds_moved()
+        self._bounds_moved()
         self._grid = self._xp.asarray(_grid(march.shape.tolist(), march.cut.tolist(), march.kinds))
         self._axes = self._xp.asarray(march.axes)
         self._pitch = np.int64(march.axes.shape[1])
@@ -295,20 +299,16 @@ class DeviceSweeping:
         if kind is None:
             self._device.fetched(self._whole(), self._host)
 
-    def all_again(self) -> None:
-        """Have all units computed."""
-        self._flags[:] = 1
-
-    def bounds_moved(self) -> None:
+    def _bounds_moved(self) -> None:
         """Bring the bounds at nodes to the device; where there are none, something stands there."""
         self._bounds = [
             self._xp.asarray(bound) if bound is not None else self._arrays[0]
             for bound in reversed(self._bounds_here)
         ]
 
-    def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
-        """Carry out a stage of a step: units computed, nodes not finite, the largest move."""
-        xp, stages, arrays, flags = self._xp, self._stages, self._arrays, self._flags
+    def _carry_out(self, order: StageOrder) -> Counts:
+        s = order.s
+        xp, stages, arrays, flags = self._xp, self._stages, self._arrays, self.flags
         last = s == stages - 1
         later = flags[1:stages] if last and stages > 1 else flags[:1]
         many = stages - 1 if last else 0
@@ -317,12 +317,12 @@ class DeviceSweeping:
         if self._fold is not None:
             self._fold.narrow(here)
         before = arrays[0] if stages == 1 else self._out
-        u, numbers = xp.asarray(u), xp.asarray(numbers)
+        u, numbers = xp.asarray(order.u), xp.asarray(order.numbers)
         counts = xp.zeros(3, dtype=np.uint64)
         axis = self._axes[-1]
         self._program.run("hf_last_axis", 1, axis, np.int64(self._nodes), u, self._table)
         self._program.run(
-            "hf_measured" if measures else "hf_stage",
+            "hf_measured" if order.measures else "hf_stage",
             min(self._units, self._device.blocks),
             self._grid, np.int64(self._units), self._axes, self._pitch, u, numbers, self._table,
             arrays[s], arrays[0], before, *self._bounds, self._out, here, there, later,
@@ -332,18 +332,12 @@ class DeviceSweeping:
             self._mirror(self._out, self._fold.needed)
         if stages == 1:
             arrays.reverse()
-            self._flags = flags[::-1]
+            self.flags = flags[::-1]
         totals = self._device.fetched(counts)
         return np.array([totals[0], totals[1], totals[2:].view(np.float64)[0]], dtype=np.float64)
 
     def not_finite(self) -> int:
-        """The first of the nodes that the last stage has made not finite."""
         return first_not_finite(self._device.fetched(self._out))
-
-    @property
-    def fixed(self) -> bool:
-        """Whether nothing is left to be computed."""
-        return not bool(self._flags[0].any())
 
     def values(self) -> Array:
         """The values at the nodes, between two steps, on the host."""

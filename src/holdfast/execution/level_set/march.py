@@ -24,10 +24,9 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -44,10 +43,14 @@ from holdfast.execution.level_set.device_sweeping import DeviceSweeping, device_
 from holdfast.execution.level_set.schemes import Scheme, schemes
 from holdfast.execution.level_set.stage_leaf import Stage, rate_leaves, stage_text
 from holdfast.execution.level_set.sweeping import (
+    ANYWHERE,
+    Bounds,
     Fold,
+    StageOrder,
     Stages,
     Streaming,
     Sweeping,
+    Within,
     layout,
     sweep_code,
 )
@@ -274,7 +277,7 @@ class Done:
     which it is still, 0 where it is not; fixed: whether no node changed in the last step;
     measured: whether it was looked how fast the set moved in it;
     computed: stretches of nodes computed, of how many a full march would
-    have; seconds: of wall time."""
+    have; marched: nodes of all grids, where there are several; seconds: of wall time."""
 
     time: float = 0.0
     steps: int = 0
@@ -283,6 +286,7 @@ class Done:
     still_since: int = 0
     computed: int = 0
     of: int = 0
+    marched: float = 0.0
     seconds: float = 0.0
     stopped: bool = False
     converged: bool = False
@@ -396,6 +400,14 @@ class Method:
         return len(self.steps.stages)
 
 
+_march_leaves = lru_cache(maxsize=8)(MarchLeaves)
+"""Marches over other grids, and with leaving the grid taken for something else, have the same."""
+
+Advances = Callable[[Sequence[float], Within, Done], Iterator[float | None]]
+"""Has values marched to each of some times, and says, after every step or after a few of them,
+which of the times it has come to."""
+
+
 class March:
     """Compiled sweeps of one Hamiltonian over one grid."""
 
@@ -419,7 +431,7 @@ class March:
         filtered: bool = False,
         start_rate: float = math.inf,
         leeway: tuple[float, float] = (0.0, 0.0),
-        falls: Sequence[Sequence[float]] | None = None,
+        falls: Array | None = None,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
         at which place of it the node is that always has the same value; half is computed then.
@@ -462,7 +474,7 @@ class March:
         self.fastest = fastest or largest.at
         self.share, self.bent = leeway
         self.leeway = self.share * start_rate if filtered else math.inf
-        ends = np.zeros((len(axes), 4)) if falls is None else np.array(falls, dtype=np.float64)
+        ends = np.zeros((len(axes), 4)) if falls is None else falls
         self.falls = [*(ends[:, :2].T * self.steps), *ends[:, 2:].T]
 
     @property
@@ -474,8 +486,8 @@ class March:
     def leaves(self) -> MarchLeaves:
         """What the sweep calls: where another carries out the stages they are not needed."""
         method = self.method
-        return MarchLeaves(
-            self.hamiltonian, self.parameters, self.scheme, dissipation=method.dissipation,
+        return _march_leaves(
+            self.hamiltonian, tuple(self.parameters), self.scheme, dissipation=method.dissipation,
             limit=self.limit, one_stage=method.stages == 1, precision=self.precision,
             filtered=self.filtered,
         )  # fmt: skip
@@ -552,71 +564,59 @@ class March:
         *,
         upper: Array | None = None,
         lower: Array | None = None,
-        **options: Any,
+        within: Within = ANYWHERE,
     ) -> Done:
-        """March `values` (flat; changed in place) to each of `times`: see `drive`."""
-        with self.sweeping(values, upper, lower) as sweeping:
-            return self.drive(sweeping, times, **options)
-
-    def drive(
-        self,
-        sweeping: Stages,
-        times: Sequence[float],
-        *,
-        refresh: Callable[[float], None] | None = None,
-        floor: float = -math.inf,
-        ceiling: float = math.inf,
-        nearest: float = 0.0,
-        keep: Callable[[float], None] | None = None,
-        tell: Callable[[Done], bool] | None = None,
-        done: Done | None = None,
-    ) -> Done:
-        """Have the values that `sweeping` holds marched to each of `times`, then `keep(time)`.
-
-        refresh: has the bounds at nodes, if they move, be those of a time t from the next stage on.
-        nearest: distances from zero below it are rounding; the speed of the set is not relative to
-        less (`stage_leaf.py`).
-        `tell(done)` is called after every step, and ends the march where it gives True.
-        done: what has been done of the same march, up to these values; it goes on from there.
-        """
-        done = done or Done()
-        if done.stopped:
-            return done
-        stages = self.method.steps.stages
-        began, step = time.perf_counter() - done.seconds, math.nan
-        for start, dt, ends in itertools.islice(self.steps_to(times), done.steps, None):
-            if dt != step or not self.method.skip or self.varying or refresh is not None:
-                sweeping.all_again()
-                step = dt
-            counts = np.zeros(3)
-            done.measured = (
-                done.steps < ALL_MEASURED or done.steps % MEASURED == 0 or ends is not None
-            )
-            for s, (weight, fraction) in enumerate(stages):
-                last = s == len(stages) - 1
-                if refresh is not None:  # what comes out is for the time of the next stage
-                    then = 1.0 if last else stages[s + 1][1]
-                    refresh(self._time(start + then * dt))
-                    sweeping.bounds_moved()
-                measures = last and done.measured and nearest > 0
-                numbers = self.numbers(dt, weight, (floor, ceiling, nearest))
-                counts = sweeping.stage(s, self.u(start + fraction * dt), numbers, measures)
-                done.computed += int(counts[0])
-                if counts[1]:
-                    raise self.not_finite(sweeping.not_finite(), int(counts[1]), start + dt)
-            done.of += self.units * len(stages)
-            done.steps += 1
-            done.time = start + dt if ends is None else ends
-            if done.measured:
-                done.moved(float(counts[2]) / dt)
-            done.fixed = sweeping.fixed
-            done.seconds = time.perf_counter() - began
-            if keep is not None and ends is not None:
-                keep(ends)
-            done.stopped = tell is not None and tell(done)
-            if done.stopped:
-                break
+        """March `values` (flat; changed in place) to each of `times`."""
+        done = Done()
+        sweeping, advances = self.sweeping(values, upper, lower)
+        with sweeping:
+            for _ in advances(times, within, done):
+                pass
         return done
+
+    def advances(
+        self,
+        stages: Stages,
+        moves: bool,
+        times: Sequence[float],
+        within: Within,
+        done: Done,
+    ) -> Iterator[float | None]:
+        """As `Advances` says of the values whose `stages` these are, after every step.
+
+        moves: whether bounds at nodes move. done: what has been done of the march, up to these
+        values, which is taken down in it; it goes on from there.
+        """
+        shares, step = self.method.steps.stages, math.nan
+        for start, dt, end in itertools.islice(self.steps_to(times), done.steps, None):
+            again = dt != step or not self.method.skip or self.varying or moves
+            step = dt
+            done.measured = (
+                done.steps < ALL_MEASURED or done.steps % MEASURED == 0 or end is not None
+            )
+            for s, (weight, fraction) in enumerate(shares):
+                last = s == len(shares) - 1
+                then = 1.0 if last else shares[s + 1][1]  # what comes out is for the next stage
+                answer = stages.stage(
+                    StageOrder(
+                        s,
+                        self.u(start + fraction * dt),
+                        self.numbers(dt, weight, within),
+                        last and done.measured and within.nearest > 0,
+                        self._time(start + then * dt) if moves else None,
+                        again and s == 0,
+                    )
+                )
+                done.computed += answer.computed
+                if answer.wrong:
+                    raise self.not_finite(answer.first, answer.wrong, start + dt)
+            done.of += self.units * len(shares)
+            done.steps += 1
+            done.time = start + dt if end is None else end
+            if done.measured:
+                done.moved(answer.move / dt)
+            done.fixed = answer.fixed
+            yield end
 
     def sweeping(
         self,
@@ -624,19 +624,23 @@ class March:
         upper: Array | None,
         lower: Array | None,
         room: Room | None = None,
-    ) -> Sweeping | DeviceSweeping:
-        """What holds the values of a march and carries out its stages."""
+        bounds: Bounds | None = None,
+    ) -> tuple[Sweeping | DeviceSweeping, Advances]:
+        """What holds the values of a march and carries out its stages. bounds: those that move."""
+        sweeping: Sweeping | DeviceSweeping
         if self.device is not None:
-            return DeviceSweeping(self, self.device, values, upper, lower)
-        kind = Streaming if room is not None and room.on_disk else Sweeping
-        return kind(self, values, upper, lower, room)
+            sweeping = DeviceSweeping(self, self.device, values, upper, lower, bounds)
+        else:
+            kind = Streaming if room is not None and room.on_disk else Sweeping
+            sweeping = kind(self, values, upper, lower, room, bounds)
+        return sweeping, partial(self.advances, sweeping, bounds is not None)
 
     def u(self, tau: float) -> Array:
         """What is the same at all nodes: the time, the parameters, the largest speeds."""
         return np.concatenate([[self._time(tau)], self.p, self.speeds])
 
-    def numbers(self, dt: float, weight: float, within: tuple[float, float, float]) -> Array:
-        """Those of a stage of a step of dt (`stage_leaf.py`). within: floor, ceiling, nearest."""
+    def numbers(self, dt: float, weight: float, within: Within) -> Array:
+        """Those of a stage of a step of dt (`stage_leaf.py`)."""
         per_axis = (0.5 / self.steps, self.steps, *self.falls)
         of_filter = (self.leeway, self.share, self.bent)
         of_step = (dt * self.method.steps.share, weight, *within)

@@ -23,11 +23,11 @@ block is a stretch of a row, a unit of a sweep. What is done with the nodes of b
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import cache
 from importlib import resources
+from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -38,14 +38,19 @@ from holdfast.execution.codegen.scalar_llvm import scalars_text
 from holdfast.execution.codegen.scalar_reader import read
 from holdfast.execution.leaf import compiled_text
 from holdfast.execution.level_set.block_sweep import CROSSED, CROSSED_HIGH, CROSSED_LOW
-from holdfast.execution.level_set.march import ALL_MEASURED, MEASURED, Done, March
+from holdfast.execution.level_set.march import ALL_MEASURED, MEASURED, Advances, Done, March
 from holdfast.execution.level_set.sweeping import (
+    ANYWHERE,
+    Bounds,
     Counts,
     MarchArrays,
+    Within,
     Workers,
     address,
     first_not_finite,
+    on_one_side,
 )
+from holdfast.execution.resources import Room
 
 
 class Level(MarchArrays):
@@ -58,11 +63,10 @@ class Level(MarchArrays):
         march: March,
         values: Array,
         bounds: tuple[Array | None, Array | None],
-        numbers: tuple[float, float, float],
     ) -> None:
-        """bounds: upper and lower, at every node. numbers: floor, ceiling, nearest."""
+        """bounds: upper and lower, at every node."""
         super().__init__(march, values, *bounds, np.empty_like)
-        self.numbers = numbers
+        self.within = ANYWHERE
 
     def start_over(self, units: Array | None = None) -> None:
         """All units, or these, are to be computed in every stage."""
@@ -79,8 +83,8 @@ class Level(MarchArrays):
             if units is not None:
                 here = self.marks(s)[0]
                 here &= units
-            measures = s == self.stages - 1 and measure and self.numbers[2] > 0
-            counts = self.swept(workers, s, u, march.numbers(dt, weight, self.numbers), measures)
+            measures = s == self.stages - 1 and measure and self.within.nearest > 0
+            counts = self.swept(workers, s, u, march.numbers(dt, weight, self.within), measures)
             computed += int(counts[0])
             if counts[1]:
                 place = first_not_finite(self.out(s))
@@ -312,12 +316,6 @@ LEAST_SIDE = 4
 STRETCH = 16
 """Nodes of a block along the last axis."""
 
-Arrays = tuple[Array, Array | None, Array | None]
-"""Values, and what bounds them above and below."""
-
-FloorCeilingRounding = tuple[float, float, float]
-"""Floor, ceiling, and distances from zero below which there is rounding only."""
-
 
 class RefinedMarch:
     """A march over several grids; the values are those of the finest, at all of its nodes."""
@@ -331,70 +329,21 @@ class RefinedMarch:
         self.blocks = [Blocks(m.shape.tolist(), periodic, sizes) for m in marches[1:]]
         fine = self.fine
         self.every = max(min(sizes) // (2 * fine.method.steps.lengths), 1)  # steps of an interval
-        self.longest_step, self.crossing, self.code = fine.longest_step, fine.crossing, fine.code
-        self.refine = 2 ** len(self.blocks)
-        self.complete: Callable[[], object] = lambda: None
-        """Has the values at all nodes be those of the present time."""
-        self.marched_share = 0.0
-        """Nodes marched on all grids, in a mean step of the finest and as a share of its nodes."""
+        self.longest_step, self.crossing, self.name = fine.longest_step, fine.crossing, fine.name
 
-    def run(
+    def sweeping(
         self,
         values: Array,
-        times: Sequence[float],
-        *,
-        upper: Array | None = None,
-        lower: Array | None = None,
-        floor: float = -math.inf,
-        ceiling: float = math.inf,
-        nearest: float = 0.0,
-        keep: Callable[[float], None] | None = None,
-        tell: Callable[[Done], bool] | None = None,
-    ) -> Done:
-        """As `March.run` from the beginning; `tell` is called after every interval.
+        upper: Array | None,
+        lower: Array | None,
+        room: Room | None = None,
+        bounds: Bounds | None = None,
+    ) -> tuple[RefinedSweeping, Advances]:
+        """As `March.sweeping`, in memory, of bounds that do not move."""
+        sweeping = RefinedSweeping(self, values, upper, lower)
+        return sweeping, sweeping.advances
 
-        Outside the blocks `values` are those of the time only after `complete`, and at the end.
-        """
-        done, began = Done(), time.perf_counter()
-        with ExitStack() as stack:
-            arrays, numbers = (values, upper, lower), (floor, ceiling, nearest)
-            pair = self._pairs(arrays, numbers, stack)
-            self.complete = pair.whole
-            for start, dt, steps, end in self._intervals(times):
-                pair.march(start, dt, steps, done)
-                done.time = start + steps * dt if end is None else end
-                done.seconds = time.perf_counter() - began
-                if keep is not None and end is not None:
-                    keep(end)
-                done.stopped = tell is not None and tell(done)
-                if done.stopped:
-                    break
-            pair.whole()
-        self.complete = lambda: None  # it is; the threads have ended
-        self.marched_share = pair.marched / max(done.steps * self.fine.nodes, 1)
-        return done
-
-    def _pairs(self, arrays: Arrays, numbers: FloorCeilingRounding, stack: ExitStack) -> _Pair:
-        """Every grid with the coarser ones; the finest has these arrays."""
-        thinner: list[Arrays] = [arrays]
-        for blocks in reversed(self.blocks):
-            thinned = [None if a is None else blocks.thinned(a).ravel() for a in thinner[0]]
-            assert thinned[0] is not None
-            thinner.insert(0, (thinned[0], thinned[1], thinned[2]))
-        pair: _Base | _Pair | None = None
-        for k, (march, own_arrays) in enumerate(zip(self.marches, thinner, strict=True)):
-            level = Level(march, own_arrays[0], own_arrays[1:], numbers)
-            workers = stack.enter_context(Workers(march.code, march.threads, march.places))
-            if pair is None:
-                pair = _Base(level, workers)
-            else:
-                pair = _Pair(level, workers, pair, self.blocks[k - 1], self.every, self.side)
-        assert isinstance(pair, _Pair)
-        return pair
-
-    def _intervals(
-        self, times: Sequence[float]
-    ) -> Iterator[tuple[float, float, int, float | None]]:
+    def intervals(self, times: Sequence[float]) -> Iterator[tuple[float, float, int, float | None]]:
         """Begin and step [s], the number of steps, and which of `times` an interval ends at."""
         group: list[tuple[float, float, float | None]] = []
         for one in self.fine.steps_to(times):
@@ -402,6 +351,70 @@ class RefinedMarch:
             if len(group) == self.every or one[2] is not None:
                 yield group[0][0], group[0][1], len(group), one[2]
                 group = []
+
+
+class RefinedSweeping:
+    """Every grid with its values and threads, in a `with` statement as `Sweeping`; outside the
+    blocks the values of the finest are those of the present time only when they are asked for."""
+
+    def __init__(
+        self, march: RefinedMarch, values: Array, upper: Array | None, lower: Array | None
+    ) -> None:
+        self._march, self._threads = march, ExitStack()
+        of_grid = [values, upper, lower]
+        grids = [of_grid]
+        for blocks in reversed(march.blocks):
+            of_grid = [None if a is None else blocks.thinned(a).ravel() for a in of_grid]
+            grids.insert(0, of_grid)
+        coarsest, *finer = zip(march.marches, grids, strict=True)
+        self._grids: list[_Base | _Pair] = [_Base(*self._level(*coarsest))]
+        for blocks, of_one in zip(march.blocks, finer, strict=True):
+            coarser = self._grids[-1]
+            self._finest = _Pair(*self._level(*of_one), coarser, blocks, march.every, march.side)
+            self._grids.append(self._finest)
+
+    def _level(self, march: March, arrays: Sequence[Array | None]) -> tuple[Level, Workers]:
+        values, upper, lower = arrays
+        assert values is not None
+        workers = Workers(march.code, march.threads, march.places)
+        return Level(march, values, (upper, lower)), workers
+
+    def __enter__(self) -> RefinedSweeping:
+        for grid in self._grids:
+            self._threads.enter_context(grid.workers)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self._finest.whole()
+        self._threads.__exit__(kind, error, at)
+
+    def advances(
+        self, times: Sequence[float], within: Within, done: Done
+    ) -> Iterator[float | None]:
+        """As `Advances` from the beginning, an interval at a time."""
+        for grid in self._grids:
+            grid.level.within = within
+        for start, dt, steps, end in self._march.intervals(times):
+            self._finest.march(start, dt, steps, done)
+            done.time = start + steps * dt if end is None else end
+            done.marched = sum(grid.marched for grid in self._grids)
+            yield end
+
+    def values(self) -> Array:
+        """The values at all nodes of the finest grid, between two intervals."""
+        return self._finest.whole()
+
+    def largest(self) -> float:
+        return float(self.values().max())
+
+    def on_one_side(self, limit: str) -> bool:
+        return on_one_side(self.values(), limit)
 
 
 class _Base:
@@ -443,11 +456,7 @@ class _Pair:
         self.tasks = BlockTasks(blocks, workers, level.march.code.kind.name)
         self.chosen = np.ones(blocks.counts, dtype=bool)  # all have the value to begin with
         self.cells = level.march.method.steps.lengths  # that the boundary crosses in a step
-        self.own = 0.0
-
-    @property
-    def marched(self) -> float:
-        return self.own + self.coarser.marched
+        self.marched = 0.0
 
     def advance(self, start: float, length: float) -> None:
         """So much further, all nodes of the grid."""
@@ -470,7 +479,7 @@ class _Pair:
         tasks.fill(wanted & ~self.chosen, [values], (before, before), bounds)
         tasks.fill(rim, self.level.arrays, (before, coarser.values), bounds)
         self.chosen = wanted
-        self.own += steps * blocks.count(wanted)
+        self.marched += steps * blocks.count(wanted)
         self._steps(start, dt, steps, before, done)
         if self.level.arrays[0] is not values:
             tasks.take_over(wanted, self.level.arrays[0], values)
@@ -491,7 +500,7 @@ class _Pair:
             done.of += level.march.units * level.march.method.stages
             done.steps += 1
             if last:
-                least = max(level.numbers[2], 1e-300)
+                least = max(level.within.nearest, 1e-300)
                 lost = self.tasks.loss(self.chosen, before, self.coarser.values, self.side, least)
                 speed = max(speed, lost / (steps * dt))
             if done.measured:

@@ -18,13 +18,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.sweeping import (
+    Bounds,
     Counts,
     Flags,
+    Places,
+    Planes,
+    StageOrder,
     Sweeping,
     first_not_finite,
     layout,
@@ -35,9 +38,6 @@ from holdfast.execution.resources import Room
 
 if TYPE_CHECKING:
     from holdfast.execution.level_set.march import March
-
-
-Places = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -87,10 +87,6 @@ class Part:
     before: int
     after: int
 
-    @property
-    def whole(self) -> bool:
-        return self.last - self.first == self.of.count
-
     @cached_property
     def layers(self) -> Places:
         """Which layer of the grid every one of its layers is, those of the halo included."""
@@ -110,27 +106,16 @@ class Part:
             [np.arange(w) + k * self.of.thick for k, w in zip(self.layers, wide, strict=True)]
         )
 
-    @property
-    def own(self) -> slice:
-        """Its own nodes along the axis, among those that it holds."""
+    @cached_property
+    def planes(self) -> Planes:
         last = self.before + self.last - self.first
-        return slice(int(self.starts[self.before]), int(self.starts[last]))
-
-    @property
-    def ends(self) -> tuple[bool, bool]:
-        """Whether it has the first plane of the grid, and whether it has the last."""
-        return self.first == 0, self.last == self.of.count
+        own = slice(int(self.starts[self.before]), int(self.starts[last]))
+        return Planes(self.nodes, own, self.of.nodes)
 
     @property
     def own_layers(self) -> range:
-        """The same for layers."""
+        """Its own, among those that it holds."""
         return range(self.before, self.before + self.last - self.first)
-
-    @property
-    def own_nodes(self) -> slice:
-        """Its own nodes along the axis, among those of the grid."""
-        first = self.first * self.of.thick
-        return slice(first, min(self.last * self.of.thick, self.of.nodes))
 
     def wanted(self, others: Sequence[Part]) -> list[tuple[int, list[int]]]:
         """The parts that hand something over to this one, and of which layers of the grid."""
@@ -205,10 +190,11 @@ class Slab(Sweeping):
         upper: Array | None,
         lower: Array | None,
         room: Room,
+        bounds: Bounds | None,
         part: Part,
         stages: int,
     ) -> None:
-        super().__init__(march, values, upper, lower, room)
+        super().__init__(march, values, upper, lower, room, bounds)
         assert march.units == len(part.layers) * part.of.units
         self.part, self._stages = part, stages
         self._rows = np.ones((max(self.stages, 2) + 1, march.units), dtype=np.uint8)
@@ -236,17 +222,17 @@ class Slab(Sweeping):
         inner = self.part.own_layers
         return slice(self.part.units(inner.start).start, self.part.units(inner.stop).start)
 
-    def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
-        counts = super().stage(s, u, numbers, measures)
+    def _carry_out(self, order: StageOrder) -> Counts:
+        counts = super()._carry_out(order)
         counts[0] = self._computed
         if counts[1] and self._stages > 1:  # some of them may lie in the halo
             counts[1] = np.count_nonzero(not_finite(self.own_values(self._out)))
-        self._latest = 0 if s == self.stages - 1 else s + 1
+        self._latest = 0 if order.s == self.stages - 1 else order.s + 1
         return counts
 
     def own_values(self, array: Array | None = None) -> Array:
         """Those of the part without its halo."""
-        inner = self.part.own
+        inner = self.part.planes.own
         array = self.values() if array is None else array
         return array[inner.start * self._layer : inner.stop * self._layer]
 
@@ -257,9 +243,8 @@ class Slab(Sweeping):
         return on_one_side(self.own_values(), limit)
 
     def not_finite(self) -> int:
-        """The first of the grid's nodes that the last stage has made not finite."""
         first = first_not_finite(self.own_values(self._out))
-        return self.part.own_nodes.start * self._layer + first
+        return self.part.planes.own_nodes.start * self._layer + first
 
     def edges(self, wanted: Sequence[int]) -> Edges:
         """Of these layers of the grid what has become of them here since the last exchange."""

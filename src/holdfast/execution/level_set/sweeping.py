@@ -19,13 +19,14 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -256,6 +257,36 @@ def layout(
     return -(-rows // groups), groups, stretches, -(-shape[-1] // stretches)
 
 
+@dataclass(frozen=True)
+class Planes:
+    """Of the planes of the first axis of a grid those that are held together. nodes: the places
+    along the axis that they are at; own: those of them that are no halo; count: of the grid."""
+
+    nodes: Places
+    own: slice
+    count: int
+
+    @staticmethod
+    def all_of(count: int) -> Planes:
+        return Planes(np.arange(count), slice(0, count), count)
+
+    @property
+    def own_nodes(self) -> slice:
+        """Those that are no halo, among those of the grid."""
+        first = int(self.nodes[self.own.start])
+        return slice(first, first + self.own.stop - self.own.start)
+
+    @property
+    def ends(self) -> tuple[bool, bool]:
+        """Whether the first plane of the grid is among these, and whether the last is."""
+        mine = self.own_nodes
+        return mine.start == 0, mine.stop == self.count
+
+    @property
+    def whole(self) -> bool:
+        return all(self.ends)
+
+
 Counts = npt.NDArray[np.float64]
 
 SPINS = 100_000
@@ -417,6 +448,8 @@ class MarchArrays:
     What is in no unit that is computed stays as it is, in every array.
     """
 
+    flags: Flags
+
     def __init__(
         self,
         march: Marched,
@@ -468,29 +501,6 @@ class MarchArrays:
             self.flags = self.flags[::-1]
 
 
-class Stages(Protocol):
-    """What holds the values of a march and carries out the stages of its steps, wherever."""
-
-    def all_again(self) -> None:
-        """Have everything computed in the next step, also what is settled."""
-
-    def bounds_moved(self) -> None:
-        """The bounds at nodes are others now."""
-
-    def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Array:
-        """Units computed, nodes that are not finite, the largest move.
-
-        These may be those of the stages before, where they have not been told yet.
-        """
-
-    def not_finite(self) -> int:
-        """The first of the grid's nodes that are not finite after the last stage."""
-
-    @property
-    def fixed(self) -> bool:
-        """Whether nothing is left to be computed."""
-
-
 class Bounds(Protocol):
     """Bounds at nodes that move."""
 
@@ -530,19 +540,27 @@ class StageAnswer:
     fixed: bool
 
 
-def carried_out(
-    stages: Stages, orders: Sequence[StageOrder], bounds: Bounds
-) -> Iterator[StageAnswer]:
-    """One stage after another."""
-    for order in orders:
-        if order.again:
-            stages.all_again()
-        if order.time is not None:
-            bounds.refresh(order.time)
-            stages.bounds_moved()
-        computed, wrong, move = stages.stage(order.s, order.u, order.numbers, order.measures)
-        first = stages.not_finite() if wrong else 0
-        yield StageAnswer(int(computed), int(wrong), first, float(move), stages.fixed)
+NOT_YET = StageAnswer(0, 0, 0, 0.0, False)
+"""The answer to an order that is carried out with a later one, whose answer is that to both."""
+
+
+class Stages(Protocol):
+    """What carries out the stages of the steps of a march, wherever."""
+
+    def stage(self, order: StageOrder) -> StageAnswer:
+        """One of them, or `NOT_YET`."""
+
+
+class Within(NamedTuple):
+    """The values are no lower and no higher; distances from zero below `nearest` are rounding: the
+    speed of the set is not relative to less (`stage_leaf.py`)."""
+
+    floor: float = -math.inf
+    ceiling: float = math.inf
+    nearest: float = 0.0
+
+
+ANYWHERE = Within()
 
 
 def joined(answers: Sequence[Sequence[StageAnswer]]) -> StageAnswer:
@@ -563,7 +581,43 @@ TOGETHER = 1 << 20
 """Nodes that are looked at together."""
 
 
-class Sweeping(MarchArrays):
+class StagesHere:
+    """Stages of a march on this machine, by its processor or another device."""
+
+    flags: Any
+    bounds: Bounds | None = None
+    """Those that move, if any do."""
+
+    def stage(self, order: StageOrder) -> StageAnswer:
+        """Carry out a stage of a step."""
+        if order.again:
+            self.flags[:] = 1
+        if order.time is not None:
+            assert self.bounds is not None
+            self.bounds.refresh(order.time)
+            self._bounds_moved()
+        computed, wrong, move = self._carry_out(order)
+        first = self.not_finite() if wrong else 0
+        return StageAnswer(int(computed), int(wrong), first, float(move), self.fixed)
+
+    def _bounds_moved(self) -> None:
+        """The bounds at nodes are others now."""
+
+    def _carry_out(self, order: StageOrder) -> Counts:
+        """Units computed, nodes not finite, the largest move."""
+        raise NotImplementedError
+
+    def not_finite(self) -> int:
+        """The first of the grid's nodes that the last stage has made not finite."""
+        raise NotImplementedError
+
+    @property
+    def fixed(self) -> bool:
+        """Whether nothing is left to be computed."""
+        return not bool(self.flags[0].any())
+
+
+class Sweeping(StagesHere, MarchArrays):
     """Used in a `with` statement. Others do the same elsewhere (`device_sweeping.py`)."""
 
     def __init__(
@@ -573,10 +627,11 @@ class Sweeping(MarchArrays):
         upper: Array | None,
         lower: Array | None,
         room: Room | None = None,
+        bounds: Bounds | None = None,
     ) -> None:
         """room: for the values of stages."""
         super().__init__(march, values, upper, lower, (room or Memory()).copy)
-        self._values = values
+        self._values, self.bounds = values, bounds
         self._workers = Workers(march.code, march.threads, march.places)
 
     def __enter__(self) -> Sweeping:
@@ -593,17 +648,10 @@ class Sweeping(MarchArrays):
             self._values[:] = self.arrays[0]
         self._workers.__exit__(kind, error, at)
 
-    def all_again(self) -> None:
-        """Have all units computed."""
-        self.flags[:] = 1
-
-    def bounds_moved(self) -> None:
-        """The bounds at nodes are others now."""
-
-    def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
-        """Carry out a stage of a step: units computed, nodes not finite, the largest move."""
+    def _carry_out(self, order: StageOrder) -> Counts:
+        s = order.s
         self._narrow(s, self.marks(s)[0])
-        counts = self.swept(self._workers, s, u, numbers, measures)
+        counts = self.swept(self._workers, s, order.u, order.numbers, order.measures)
         self._out = self.out(s)
         self._reflect(self._out)
         self.ended(s)
@@ -620,13 +668,7 @@ class Sweeping(MarchArrays):
             self._mirror(values, self.march.fold.needed)
 
     def not_finite(self) -> int:
-        """The first of the nodes that the last stage has made not finite."""
         return first_not_finite(self._out)
-
-    @property
-    def fixed(self) -> bool:
-        """Whether nothing is left to be computed."""
-        return not self.flags[0].any()
 
     def values(self) -> Array:
         """The values at the nodes, between two steps; they change with the next."""
@@ -683,23 +725,37 @@ def streams(states: int, stages: int, reflects_first: bool) -> bool:
 class Streaming(Sweeping):
     """A sweeping whose arrays are on a disk."""
 
+    def __init__(self, *arrays: Any) -> None:
+        super().__init__(*arrays)
+        self._waiting: list[StageOrder] = []
+
     @property
     def streams(self) -> bool:
         """Whether its stages may follow one another so."""
         fold = self.march.fold
         return streams(len(self.march.shape), self.stages, fold is not None and fold.axis == 0)
 
-    def step(self, orders: Sequence[StageOrder], bounds: Bounds) -> list[StageAnswer]:
+    def stage(self, order: StageOrder) -> StageAnswer:
+        """The stages of a step are carried out with the last of them."""
+        if not self.streams:
+            return super().stage(order)
+        self._waiting.append(order)
+        if order.s < self.stages - 1:
+            return NOT_YET
+        orders, self._waiting = self._waiting, []
+        return joined([self._step(orders)])
+
+    def _step(self, orders: Sequence[StageOrder]) -> list[StageAnswer]:
         """All stages of a step."""
         if orders[0].again:
-            self.all_again()
+            self.flags[:] = 1
         march, many = self.march, len(orders)
         planes, reach = int(march.shape[0]), int(self.sizes[3])
         around = bool(march.kinds[0] == 1)
         block = max(2 * march.threads, -(-NODES // (march.nodes // planes)))
         ends = [planes + s * reach * around for s in range(many)]
         done = [end - planes for end in ends]
-        answers = [StageAnswer(0, 0, 0, 0.0, False)] * many
+        answers = [NOT_YET] * many
         renewals: list[list[Any]] = [[] for _ in orders]
         while done[-1] < ends[-1]:
             for s, order in enumerate(orders):
@@ -709,11 +765,12 @@ class Streaming(Sweeping):
                     continue
                 for low, high in _unrolled(done[s], last, planes):
                     if order.time is not None:
-                        renewals[s].append(bounds.renew(order.time, low, high))
+                        assert self.bounds is not None
+                        renewals[s].append(self.bounds.renew(order.time, low, high))
                     answers[s] = _added(answers[s], self._planes(order, low, high))
                 done[s] = last
         self._workers.share(0, planes)
-        return self._answers(answers, renewals, bounds)
+        return self._answers(answers, renewals)
 
     def _planes(self, order: StageOrder, low: int, high: int) -> Counts:
         """A stage of some planes."""
@@ -728,12 +785,12 @@ class Streaming(Sweeping):
         return counts
 
     def _answers(
-        self, answers: list[StageAnswer], renewals: Sequence[Sequence[Any]], bounds: Bounds
+        self, answers: list[StageAnswer], renewals: Sequence[Sequence[Any]]
     ) -> list[StageAnswer]:
         """Those of the stages, up to the first at which the march ends."""
         for s, answer in enumerate(answers):
-            if renewals[s]:
-                bounds.check(renewals[s])
+            if self.bounds is not None and renewals[s]:
+                self.bounds.check(renewals[s])
             if answer.wrong:
                 first = first_not_finite(self.out(s))
                 return [*answers[:s], StageAnswer(0, answer.wrong, first, 0.0, False)]

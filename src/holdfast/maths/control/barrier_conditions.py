@@ -60,7 +60,7 @@ def outward_rates(system: System, region: Region, law: Law | None = None) -> dic
 def check_reads(system: System, region: Region) -> None:
     """Refuse a region that reads an unknown state or depends on time."""
     check_still(region)
-    check_states(system, region)
+    region.check_states(system.name, system.state_names)
 
 
 def check_still(region: Region) -> None:
@@ -69,17 +69,6 @@ def check_still(region: Region) -> None:
         raise DefinitionError(
             f"region '{region.name}' depends on time",
             expected="a stationary region; only kernels and reachable sets allow a moving one",
-        )
-
-
-def check_states(system: System, region: Region) -> None:
-    """Refuse a region that reads an unknown state."""
-    missing = [q.name for q in region.reads if q.name not in system.state_names]
-    if missing:
-        raise DefinitionError(
-            f"region '{region.name}' reads '{missing[0]}', which is not a state of system "
-            f"'{system.name}'",
-            expected="states among " + ", ".join(system.state_names),
         )
 
 

@@ -11,7 +11,7 @@ Its shapes in the plane are data; `presentation` draws them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import sympy as sp
@@ -125,6 +125,16 @@ class Region:
         check_symbols(
             {f"inequality '{c.name}'": c.expression for c in self.inequalities}, allowed, owner
         )
+
+    def check_states(self, system: str, states: Sequence[str]) -> None:
+        """Refuse it where it reads what is no state of a system of that name."""
+        missing = [q.name for q in self.reads if q.name not in states]
+        if missing:
+            raise DefinitionError(
+                f"region '{self.name}' reads '{missing[0]}', which is not a state of system "
+                f"'{system}'",
+                expected="states among " + ", ".join(states),
+            )
 
     @property
     def moves(self) -> bool:

@@ -19,7 +19,7 @@ from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, suggestion
 from holdfast.maths.expressions.canonical import FORBIDDEN, FUNCTIONS, NUMERIC, pairwise
 from holdfast.maths.expressions.functions import greatest, least, select
-from holdfast.maths.expressions.syntax import syntax_tree
+from holdfast.maths.expressions.traversal import syntax_tree
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 60

@@ -2,11 +2,14 @@
 
 SymPy's own methods walk the tree, whose size may be a thousand times that of the expression.
 
-As text an expression has names, whole numbers, operators and functions: nothing is rounded.
+As text an expression has names, whole numbers, operators and functions: nothing is rounded. Texts
+of Python are parsed to syntax trees in any number of threads.
 """
 
 from __future__ import annotations
 
+import ast
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -114,3 +117,16 @@ def _by_chain(e: sp.Expr, s: sp.Symbol, slopes: Sequence[sp.Expr]) -> sp.Expr:
 def plain_text(e: sp.Expr) -> str:
     """The text of an expression, which is read again without a loss."""
     return str(StrPrinter().doprint(exact(e)))
+
+
+_PARSING = threading.Lock()
+
+
+def syntax_tree(text: str, mode: str = "exec") -> Any:
+    """`ast.parse`, by one thread at a time.
+
+    Python 3.11 counts the depth of a tree once for all threads, and fails where two of them parse
+    (`SystemError: AST constructor recursion depth mismatch`; Python's issue 106905).
+    """
+    with _PARSING:
+        return ast.parse(text, mode=mode)

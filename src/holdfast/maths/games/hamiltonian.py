@@ -167,6 +167,9 @@ class Hamiltonian:
     separable: bool = True
     sides: tuple[str, str] = ("max", "min")
 
+    def __hash__(self) -> int:
+        return hash((self.costates, self.value, self.speeds, self.tight_speeds, self.sides))
+
 
 @checked
 def hamiltonian(

@@ -11,7 +11,6 @@ from typing import Any
 
 from holdfast.analysis.reachability import solve as problems
 from holdfast.analysis.reachability.grid import Grid
-from holdfast.analysis.reachability.memory_estimate import check_trials
 from holdfast.analysis.reachability.posed_march import finer
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
@@ -19,7 +18,7 @@ from holdfast.analysis.safety.safety_filter import FORMER
 from holdfast.analysis.safety.validation import Promise, check_promise, default_promise
 from holdfast.analysis.simulation.law_comparison import Entry
 from holdfast.errors import RenamedWarning, ScenarioError, SimulationError
-from holdfast.execution.resources import Progress
+from holdfast.execution.resources import Progress, check_trials
 from holdfast.maths.definitions.region import Region
 from holdfast.scenario.build.kernel import kernel_parts
 from holdfast.scenario.files import overridden

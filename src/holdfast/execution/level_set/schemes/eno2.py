@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from holdfast.execution.arithmetic.steps import Value
-from holdfast.execution.level_set.schemes.base import Scheme, same_way, smaller
+from holdfast.execution.level_set.schemes import Scheme, same_way, smaller
 
 
 def slopes(a: Value, b: Value, c: Value) -> tuple[Value, Value]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from holdfast.execution.arithmetic.steps import Value, choose
-from holdfast.execution.level_set.schemes.base import Scheme, no_larger, same_way, smaller
+from holdfast.execution.level_set.schemes import Scheme, no_larger, same_way, smaller
 
 
 def one_side(a: Value, b: Value, c: Value, d: Value, e: Value) -> Value:

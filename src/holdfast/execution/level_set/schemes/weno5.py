@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from holdfast.execution.arithmetic.steps import Value
-from holdfast.execution.level_set.schemes.base import Scheme, about_inverse, same_way
+from holdfast.execution.level_set.schemes import Scheme, about_inverse, same_way
 
 BEND = 13.0 / 3.0
 

@@ -203,3 +203,13 @@ def cube_surface(dimension: int, samples: int) -> list[list[sp.Expr]]:
     ticks = [2 * sp.Rational(k, samples - 1) - 1 for k in range(samples)]
     cube = itertools.product(ticks, repeat=dimension)
     return [list(c) for c in cube if max(abs(e) for e in c) == 1]
+
+
+def section(bounds: Bounds | None, remaining: Sequence[bool]) -> Bounds | None:
+    """The set of the `remaining` members when the others are given numbers.
+
+    Raises `DefinitionError` where the others are not free of those that remain, as in a ball.
+    """
+    if bounds is None or not any(remaining):
+        return None
+    return bounds if all(remaining) else bounds.section(remaining)

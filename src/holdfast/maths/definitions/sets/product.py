@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.maths.definitions.sets.base import Bounds, Reach, Row, V
+from holdfast.maths.definitions.sets.base import Bounds, Reach, Row, V, section
 from holdfast.maths.definitions.sets.box import Box
 
 
@@ -146,13 +146,3 @@ def product(first: Bounds | None, second: Bounds | None) -> Bounds | None:
         else:
             parts.append(part)
     return parts[0] if len(parts) == 1 else Product(tuple(parts))
-
-
-def section(bounds: Bounds | None, remaining: Sequence[bool]) -> Bounds | None:
-    """The set of the `remaining` members when the others are given numbers.
-
-    Raises `DefinitionError` where the others are not free of those that remain, as in a ball.
-    """
-    if bounds is None or not any(remaining):
-        return None
-    return bounds if all(remaining) else bounds.section(remaining)

@@ -1,4 +1,4 @@
-"""What a march needs, told before it begins: memory, and the time of a step from a disk.
+"""How long a step of a march from a disk takes, told before it begins.
 
     from the disk      computing + read / its speed + written / its speed
     in memory          computing
@@ -18,136 +18,18 @@ import time
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Unpack
 
 import numpy as np
 
-from holdfast.analysis.reachability.grid import Axis, Grid, whole
-from holdfast.analysis.reachability.march_part import MarchPart, layers_of
-from holdfast.analysis.reachability.posed_march import finer
-from holdfast.analysis.reachability.problem import Marching, MarchOptions, Posed, marching_of
-from holdfast.arguments import checked
+from holdfast.analysis.reachability.divided_march import MarchPart, layers_of
+from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import OutputError, SlowWarning
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.slab import Part
-from holdfast.execution.level_set.sweeping import StageOrder, halves, streams
-from holdfast.execution.resources import Disk, Memory, available_cores, check_memory, total_memory
+from holdfast.execution.level_set.sweeping import ANYWHERE, StageOrder, halves, streams
+from holdfast.execution.resources import Disk, available_cores, total_memory
 from holdfast.maths.games.hamiltonian import Hamiltonian
-
-
-def check_trials(runs: int, states: int) -> None:
-    """Refuse a validation with more runs, and as many near the edge, than the memory allows."""
-    check_memory(8 * 8 * runs * (2 * states + 4), f"the starts of {runs:,} runs", "try fewer")
-
-
-@checked
-def march_memory(
-    grid: Grid,
-    *,
-    capture: bool = False,
-    moving: bool = False,
-    opposed: bool = False,
-    times: int = 0,
-    least_times: bool | None = None,
-    **options: Unpack[MarchOptions],
-) -> int:
-    """The bytes of the arrays of a march over `grid` at its peak.
-
-    capture: of a capture basin, with its `least_times` unless arrival_steps = 0. moving: the
-    problem depends on time. opposed: a disturbance works against getting to a basin. times: the
-    number of requested values. options: those of `Marching`; precision, order (or scheme),
-    estimate_error and check_outside matter.
-
-    In units of the value at every node: one for each stage of the Runge-Kutta method (two at
-    least), two for obstacles, two for each of the times (one until the end of the march), one for
-    the error estimate, two and 8 bytes a node for the least times, four and a byte a node for
-    `check_outside`. Of what is marched twice (all but basins that nothing opposes or moves, and
-    what is of first order with local-local) what the first gave: one, or one for each of the times,
-    and 8 bytes a node for least times. With `refine` the nodes are those of the finer grid; of the
-    stages of the method only the blocks that are marched take memory, so that this is then the most
-    that it can be. The compiled march and its libraries take some 300 MB more, independent of the
-    grid.
-
-    Raises `SimulationError` for invalid options.
-    """
-    wanted = capture if least_times is None else least_times
-    count = whole("times: ", times, 0)
-    marching = marching_of(options)
-    held = not marching.first_order and (opposed or moving or not capture)
-    beside = marching.smeared or held
-    return _bytes(grid, marching, capture or moving, count, wanted, beside)
-
-
-def memory_of(posed: Posed) -> int:
-    """The same for a complete problem."""
-    return _bytes_of(posed, beside=posed.marched_twice)
-
-
-def _bytes_of(posed: Posed, *, beside: bool) -> int:
-    obstacles = posed.problem.limit == "free" or posed.varies
-    times = len(posed.asked) if posed.several else 0
-    return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps), beside)
-
-
-def part_memory(posed: Posed, part: Part) -> int:
-    """The same for the part of a march that is divided, with its halo, and with two times what it
-    hands over, which is as much as it is handed. The workers do not hold what a first march gave.
-    """
-    planes = part.own_nodes
-    halo = (len(part.nodes) - (planes.stop - planes.start)) * posed.grid.nodes // part.of.nodes
-    edges = 2 * halo * np.dtype(posed.marching.precision).itemsize
-    return _bytes_of(posed, beside=False) * len(part.nodes) // part.of.nodes + edges
-
-
-def check_fits(posed: Posed) -> None:
-    """Refuse a march that exceeds the memory of this machine.
-
-    Of one on a cluster, its answer; one on a disk needs memory for a few planes.
-    """
-    marching, needed, what = posed.marching, memory_of(posed), f"{_nodes(posed):,} nodes"
-    if marching.on_disk is not None:
-        return
-    if marching.cluster is not None:
-        needed, what = answer_bytes(posed), f"the answer at {what}"
-    remedy = "take fewer nodes"
-    if marching.precision == "float64":
-        remedy += ', or precision="float32"'
-    if marching.cluster is None:
-        remedy += ", or march from a disk (on_disk=FOLDER), or on a cluster (cluster=...)"
-    else:
-        remedy += ", or have it on a disk (on_disk=FOLDER)"
-    check_memory(needed, what, remedy)
-
-
-def _nodes(posed: Posed) -> int:
-    """Of the grid of the answer."""
-    return finer(posed.grid, posed.marching.refine).nodes
-
-
-def answer_bytes(posed: Posed) -> int:
-    """Of the values that are brought together, with their records, of each march."""
-    size = np.dtype(posed.marching.precision).itemsize
-    times = 2 * len(posed.asked) if posed.several else 0
-    arrivals = (8 + size) * bool(posed.arrival_steps)
-    marches = 1 + posed.marched_twice
-    return posed.grid.nodes * (size * (1 + times) + arrivals) * marches
-
-
-def _bytes(
-    grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals: bool, beside: bool
-) -> int:
-    arrays = 1 + max(marching.method.stages - 1, 1) + 2 * obstacles + 2 * arrivals
-    if marching.check_outside:
-        arrays += 4
-    elif marching.estimate_error:
-        arrays += 1
-    arrays = max(arrays + times, 2 * times + 1) + beside * max(times, 1)
-    size = np.dtype(marching.precision).itemsize
-    nodes = grid.nodes
-    if marching.refine > 1:
-        nodes += finer(grid, marching.refine).nodes
-    return nodes * (size * arrays + 8 * arrivals * (1 + beside) + marching.check_outside)
-
 
 PROBE = 256 * 2**20
 """Bytes of the file that is written and read."""
@@ -158,10 +40,9 @@ TIMED = 2_000_000
 
 @dataclass(frozen=True)
 class DiskEstimate:
-    """arrays: bytes of all arrays; read, written: bytes of a step in which nothing is settled;
+    """read, written: bytes of a step in which nothing is settled;
     reading, writing: bytes/s of the disk; computing: seconds of a step in memory."""
 
-    arrays: int
     read: int
     written: int
     reading: float
@@ -179,11 +60,14 @@ class DiskEstimate:
         return self.step / self.computing
 
 
-def check_disk(posed: Posed, h: Hamiltonian) -> None:
+def check_disk(posed: Posed, h: Hamiltonian, memory: int, answer: int) -> None:
     """Refuse a march that its disk has no room for; say how slow one is that the memory has none
-    for (`SlowWarning`). Of one on a cluster its answer is on the disk."""
+    for (`SlowWarning`). Of one on a cluster its answer is on the disk.
+
+    memory, answer: what they take [bytes].
+    """
     folder, divided = Path(posed.marching.on_disk or "."), posed.marching.cluster is not None
-    needed = answer_bytes(posed) if divided else memory_of(posed)
+    needed = answer if divided else memory
     place = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     free = shutil.disk_usage(place).free
     if needed > free:
@@ -194,13 +78,13 @@ def check_disk(posed: Posed, h: Hamiltonian) -> None:
         )
     if divided:  # it is written when the march is done
         Disk(folder).empty(1, np.uint8)
-    memory = total_memory()
-    if divided or needed <= 0.7 * memory:
+    total = total_memory()
+    if divided or needed <= 0.7 * total:
         return
     estimate = disk_estimate(posed, h, place)
     warnings.warn(
         f"the arrays take {needed / 2**30:.3g} GiB of {folder}, and the memory is "
-        f"{memory / 2**30:.3g}: where nothing is settled a step takes about {estimate.step:.2g} s, "
+        f"{total / 2**30:.3g}: where nothing is settled a step takes about {estimate.step:.2g} s, "
         f"{estimate.slowdown:.2g} times as long as in memory (the disk reads "
         f"{estimate.reading / 1e9:.2g} GB/s and writes {estimate.writing / 1e9:.2g})",
         SlowWarning,
@@ -212,7 +96,7 @@ def disk_estimate(posed: Posed, h: Hamiltonian, folder: Path) -> DiskEstimate:
     """Measured by a short march of a few planes, and by a file in the folder."""
     read, written = traffic(posed)
     reading, writing = disk_speed(folder)
-    return DiskEstimate(memory_of(posed), read, written, reading, writing, _computing(posed, h))
+    return DiskEstimate(read, written, reading, writing, _computing(posed, h))
 
 
 def traffic(posed: Posed) -> tuple[int, int]:
@@ -282,17 +166,16 @@ def _computing(posed: Posed, h: Hamiltonian) -> float:
     planes = max(planes, min(of.nodes, TIMED * of.nodes // posed.grid.nodes) // of.thick)
     part = Part(of, 0, min(planes, of.count), 0, 0)
     threads = posed.marching.threads or available_cores()
-    held = MarchPart(posed, part, stages=1, threads=threads, room=Memory(), h=h)
-    facts = held.facts()
-    held.begin(facts)
-    march, clock = held.march, posed.clock[0]
+    held = MarchPart(posed, part, stages=1, threads=threads, h=h)
+    held.begin(held.facts())
+    march, clock = held.steps, posed.clock[0]
     march.speeds[:], total = held.fastest([clock])
     dt = posed.method.cfl * march.method.steps.lengths / total if total > 0 else 1.0
     then = clock if any(r.moves for r in posed.problem.regions) else None
     held.open()
     orders = []
     for s, (weight, _) in enumerate(march.method.steps.stages):
-        numbers = march.numbers(dt, weight, (-math.inf, math.inf, 0.0))
+        numbers = march.numbers(dt, weight, ANYWHERE)
         orders.append(StageOrder(s, march.u(0.0), numbers, False, then, s == 0))
     times = []
     for _ in range(3):
