@@ -16,7 +16,6 @@ def test_sweep_and_stage_count_the_same_places():
     places = [getattr(stencils, name.upper()) for name in stage_leaf.PLACES]
     assert places == list(range(len(places)))
     assert len(places) == stencils.SLOPES
-    assert stencils.PITCH == stage_leaf.PITCH
 
 
 def test_functions_at_a_node_may_have_a_rare_case():

@@ -53,7 +53,7 @@ def nearer_on_walls(
     least: Value, nx: Value, ny: Value,
 ) -> tuple[Value, ...]:  # fmt: skip
     """The point of this wall, if it is nearer to (x, y) than that of the walls before."""
-    s, _ = _foot(x, y, ax, ay, bx, by)
+    s, _ = foot(x, y, ax, ay, bx, by)
     at = (ax + s * (bx - ax), ay + s * (by - ay))
     squared = (x - at[0]) * (x - at[0]) + (y - at[1]) * (y - at[1])
     return _nearer((squared, *at), (least, nx, ny))
@@ -66,16 +66,16 @@ def nearer_face(
 ) -> tuple[Value, ...]:  # fmt: skip
     """The corner or side of this wall, if it is nearer; and whether (x, y) is inside, so far."""
     dx, dy = bx - ax, by - ay
-    s, squared = _foot(x, y, ax, ay, bx, by)
+    s, squared = foot(x, y, ax, ay, bx, by)
     within = (s > 0.0) & (s < 1.0)
     last = s >= 1.0
     size = root(dx * dx + dy * dy)
     corner = choose(last, bx, ax), choose(last, by, ay)
     here = (squared, choose(within, 1.0, -1.0), *corner, dy / size, -dx / size)
     least, kind, *rest = _nearer(here, (least, kind, cx, cy, nx, ny))
-    turn = _turn(ax, ay, bx, by, x, y)
-    upwards = (ay <= y) & (by > y) & (turn > 0.0)
-    downwards = (by <= y) & (ay > y) & (turn < 0.0)
+    area = turn(ax, ay, bx, by, x, y)
+    upwards = (ay <= y) & (by > y) & (area > 0.0)
+    downwards = (by <= y) & (ay > y) & (area < 0.0)
     return (least, kind, choose(upwards | downwards, -side, side), *rest)
 
 
@@ -86,16 +86,16 @@ def nearer_to_sight(
 ) -> tuple[Value, ...]:  # fmt: skip
     """Where the line from a to b is nearest to this wall, if that is nearer than before."""
     zero, one, infinite = (ax.steps.constant(c, FLOAT) for c in (0.0, 1.0, INFINITE))
-    turns = _turn(ax, ay, bx, by, px, py), _turn(ax, ay, bx, by, qx, qy)
-    others = _turn(px, py, qx, qy, ax, ay), _turn(px, py, qx, qy, bx, by)
+    turns = turn(ax, ay, bx, by, px, py), turn(ax, ay, bx, by, qx, qy)
+    others = turn(px, py, qx, qy, ax, ay), turn(px, py, qx, qy, bx, by)
     crossed = (turns[0] * turns[1] < 0.0) & (others[0] * others[1] < 0.0)
     here = choose(crossed, -1.0, 1.0)
     at: tuple[Value, ...] = (infinite, zero, px, py)
     for end, ex, ey in ((zero, ax, ay), (one, bx, by)):  # from the ends of the line
-        w, squared = _foot(ex, ey, px, py, qx, qy)
+        w, squared = foot(ex, ey, px, py, qx, qy)
         at = _nearer((squared, end, px + w * (qx - px), py + w * (qy - py)), at)
     for ex, ey in ((px, py), (qx, qy)):  # and from those of the wall
-        s, squared = _foot(ex, ey, ax, ay, bx, by)
+        s, squared = foot(ex, ey, ax, ay, bx, by)
         at = _nearer((squared, s, ex, ey), at)
     return _nearer((here * at[0], *at[1:], here), (least, share, x, y, side))
 
@@ -129,7 +129,8 @@ def _nearer(here: tuple[Value, ...], before: tuple[Value, ...]) -> tuple[Value, 
     return tuple(choose(closer, new, old) for new, old in zip(here, before, strict=True))
 
 
-def _foot(x: Value, y: Value, ax: Value, ay: Value, bx: Value, by: Value) -> Point:
+@Function
+def foot(x: Value, y: Value, ax: Value, ay: Value, bx: Value, by: Value) -> Point:
     """The share of the way from a to b that is nearest to (x, y), and the distance squared."""
     dx, dy = bx - ax, by - ay
     size = dx * dx + dy * dy
@@ -140,7 +141,8 @@ def _foot(x: Value, y: Value, ax: Value, ay: Value, bx: Value, by: Value) -> Poi
     return s, u * u + v * v
 
 
-def _turn(ax: Value, ay: Value, bx: Value, by: Value, x: Value, y: Value) -> Value:
+@Function
+def turn(ax: Value, ay: Value, bx: Value, by: Value, x: Value, y: Value) -> Value:
     """Twice the area of the triangle, positive if it is counterclockwise."""
     return (bx - ax) * (y - ay) - (by - ay) * (x - ax)
 

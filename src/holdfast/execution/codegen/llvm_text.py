@@ -108,7 +108,7 @@ class Body:
 
     form: of the steps; of_fused: of those that may be fused, if it is another. load: the lines that
     give an input its value; without it they belong before these lines. label: of the block of
-    instructions in which the lines begin, then of that in which they end.
+    instructions in which the lines end; they begin in `loop`.
     """
 
     def __init__(
@@ -120,7 +120,6 @@ class Body:
         of_fused: Format | None = None,
         read: Mapping[int, str] = MappingProxyType({}),
         load: Callable[[str, str, Format], Sequence[str]] | None = None,
-        label: str = "loop",
     ) -> None:
         self.module, self.steps, self.read, self.load = module, steps, read, load
         usual = form or module.double
@@ -128,7 +127,7 @@ class Body:
         self.lines: list[str] = []
         self.names: dict[int, str] = {}
         self.inputs: dict[str, int] = {}
-        self.label = label
+        self.label = "loop"
         self._has_table = False
         self._converted: dict[int, str] = {}
         self._print_all(steps.needed([v.number for v in results], read, always=True))

@@ -184,7 +184,8 @@ FUNCTIONS: tuple[Function | basics.OverWalls, ...] = (
     elementary.arcsine, elementary.arccosine, elementary.angle_of,
     elementary.REDUCED_BY_DIGITS, elementary.exponential, elementary.logarithm,
     elementary.power, elementary.hyperbolic_sine, elementary.hyperbolic_cosine,
-    elementary.hyperbolic_tangent, *(f.one for f in _PICKED.values()), *_PICKED.values(),
+    elementary.hyperbolic_tangent, basics.foot, basics.turn,
+    *(f.one for f in _PICKED.values()), *_PICKED.values(),
 )  # fmt: skip
 """All functions that steps may call."""
 

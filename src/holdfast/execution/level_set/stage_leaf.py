@@ -57,6 +57,7 @@ import sympy as sp
 from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose, only_where
 from holdfast.execution.codegen.llvm_text import Leaf, Places, lanes_of
 from holdfast.execution.codegen.lowering import is_algebraic, lowered
+from holdfast.execution.level_set.stencils import PITCH
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian, is_sharp, monotone_flux
 
@@ -275,9 +276,6 @@ PLACES = (
 )  # fmt: skip
 """The addresses that a stage asks for, in the order of `sweep.py`. Two slopes for each axis follow,
 and of a filtered scheme two plain differences for each."""
-
-PITCH = 272
-"""From a row of what depends on the last axis, or on a row of it, to the next; as in `sweep.py`."""
 
 Sides = Sequence[tuple[Value, Value]]
 """Of each axis the slopes below and above a node, in cells."""

@@ -12,7 +12,7 @@ EXTRAPOLATED, PERIODIC, LIMITED = range(3)
 RUN = 256  # nodes computed together, at most; a multiple of VECTOR
 KEPT = 16384  # nodes of a place whose slopes are kept for the next, at most
 VECTOR = 16  # nodes that a leaf in single precision computes at a time
-PITCH = RUN + VECTOR  # a run, and what more of it a register takes; as in `stage_leaf.py`
+PITCH = RUN + VECTOR  # a run, and what more of it a register takes: from a row to the next
 
 # Places of the addresses that a stage asks for, as in `stage_leaf.py`; two for each axis follow.
 VALUE, BASE, BEFORE, LOWER, UPPER, OUT, REST = range(7)
