@@ -431,11 +431,11 @@ def _over_walls(function: OverWalls) -> str:
     points = function.one.parameters[: function.points]
     first = function.first(*(steps.input(p) for p in points))
     body = Body(steps, first, "")
-    known = range(len(first))
+    places = range(len(first))
     results = ", ".join(body.text(v.number) for v in first)
     parameters = ", ".join(f"double {p}" for p in points)
-    arguments = [*points, *(f"ends[{i}]" for i in range(4)), *(f"r[{i}]" for i in known)]
-    arguments += [f"&r[{i}]" for i in known]
+    arguments = [*points, *(f"ends[{i}]" for i in range(4)), *(f"r[{i}]" for i in places)]
+    arguments += [f"&r[{i}]" for i in places]
     return "\n".join(
         [
             f"/* Result k of the walls together; {function.one.name} is for each. */",
