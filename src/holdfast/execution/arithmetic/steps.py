@@ -13,7 +13,7 @@ from __future__ import annotations
 import inspect
 import math
 import struct
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -123,23 +123,27 @@ Operand = Value | float | int
 
 @dataclass(frozen=True)
 class Step:
-    """One operation on earlier steps. `given`: a constant, an input's name, a function, a table."""
+    """One operation on earlier steps. `given`: a constant, an input's name, a function, a table;
+    fused: as in `Steps`."""
 
     operation: str
     arguments: tuple[int, ...]
     kind: str
     given: Any = None
+    fused: bool = False
 
 
 class Steps:
     """A list of steps, in which equal ones are one.
 
     expanded: whether functions are replaced by their own steps, or called. single: whether floats
-    are of single precision, whose bits are not to be had.
+    are of single precision, whose bits are not to be had. fused: whether the steps to come are
+    those of values whose last bit a target may choose: it may contract a product and a sum of such
+    steps, and their floats have the precision that the values are stored in.
     """
 
-    def __init__(self, expanded: bool, single: bool = False) -> None:
-        self.expanded, self.single = expanded, single
+    def __init__(self, expanded: bool, single: bool = False, fused: bool = False) -> None:
+        self.expanded, self.single, self.fused = expanded, single, fused
         self.list: list[Step] = []
         self._known: dict[Any, Value] = {}
 
@@ -151,12 +155,12 @@ class Steps:
             if a.steps is not self:
                 raise ValueError("a value of other steps")
         numbers = tuple([a.number for a in arguments])
-        key = (operation, numbers, kind, _key(immediate))
+        key = (operation, numbers, kind, _key(immediate), self.fused)
         value = self._known.get(key)
         if value is None:
             settled = kind or _kind(operation, arguments)
             value = self._known[key] = Value(self, len(self.list), settled)
-            self.list.append(Step(operation, numbers, settled, immediate))
+            self.list.append(Step(operation, numbers, settled, immediate, self.fused))
         return value
 
     def input(self, name: str, kind: str = FLOAT) -> Value:
@@ -185,16 +189,38 @@ class Steps:
         whole = self.step("call", *arguments, immediate=function, kind="several")
         return self._results(whole, function.kinds)
 
-    def needed(self, results: Sequence[int], computed: Collection[int] = ()) -> list[int]:
-        """The steps that the results depend on, in order; those of computed ones are not."""
+    def repeat(self, results: Sequence[Value], inputs: Mapping[str, Value]) -> list[Value]:
+        """The results of other steps, which become steps of these; `inputs` are what some of their
+        inputs are here, and the rest are inputs here too."""
+        other, here = results[0].steps, dict[int, Value]()
+        fused, self.fused = self.fused, other.fused
+        for number in other.needed([v.number for v in results]):
+            step = other.list[number]
+            value = inputs.get(step.given) if step.operation == "input" else None
+            here[number] = value or self.step(
+                step.operation, *(here[k] for k in step.arguments),
+                immediate=step.given, kind=step.kind,
+            )  # fmt: skip
+        self.fused = fused
+        return [here[v.number] for v in results]
+
+    def needed(
+        self, results: Sequence[int], computed: Collection[int] = (), *, always: bool = False
+    ) -> list[int]:
+        """The steps that the results depend on, in order; those of computed ones are not.
+
+        always: without those that only the unusual value of `only_where` depends on.
+        """
         numbers: set[int] = set()
         waiting = list(results)
         while waiting:
             number = waiting.pop()
             if number not in numbers:
                 numbers.add(number)
+                step = self.list[number]
                 if number not in computed:
-                    waiting.extend(self.list[number].arguments)
+                    unusual = always and step.operation == WHERE
+                    waiting.extend(step.arguments[:2] if unusual else step.arguments)
         return sorted(numbers)
 
     def _results(self, whole: Value, kinds: tuple[str, ...]) -> tuple[Value, ...]:
@@ -243,6 +269,19 @@ def choose(condition: Value, a: Operand, b: Operand) -> Value:
     kind = next((v.kind for v in (a, b) if isinstance(v, Value)), FLOAT)
     steps = condition.steps
     return steps.step("choose", condition, steps.lifted(a, kind), steps.lifted(b, kind))
+
+
+WHERE = "where"
+"""The operation of `only_where`."""
+
+
+def only_where(condition: Value, value: Value, usual: Value) -> Value:
+    """A value that is the usual one where the condition is false.
+
+    A target may skip the steps that no other value needs, where the condition holds for none of
+    what it computes together. They belong to one such value.
+    """
+    return condition.steps.step(WHERE, condition, usual, value, kind=usual.kind)
 
 
 def _operation(name: str) -> Callable[[Value], Value]:

@@ -17,8 +17,10 @@ from types import MappingProxyType
 
 import sympy as sp
 
+from holdfast.execution.arithmetic.basics import OverWalls
 from holdfast.execution.arithmetic.steps import (
     FLOAT,
+    WHERE,
     WHOLE,
     Function,
     Step,
@@ -30,20 +32,26 @@ from holdfast.execution.codegen.lowering import WALLS, lowered
 from holdfast.execution.codegen.scalar_reader import (
     ARRAYS,
     BOOL,
+    FLAGS,
     FLOATS,
     INT,
     NONE,
     TABLE,
+    VALUE,
+    VALUES,
     WHOLES,
     ScalarFunction,
     Scalars,
+    common,
 )
 from holdfast.execution.codegen.scalar_reader import FLOAT as FLOAT_KIND
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
 from holdfast.maths.expressions.traversal import symbols_of
 
-_TYPES = {INT: "long", FLOAT_KIND: "double", BOOL: "int", NONE: "void"}
-_ELEMENTS = {FLOATS: "double", WHOLES: "long", TABLE: "hf_table"}
+_TYPES = {INT: "long", FLOAT_KIND: "double", BOOL: "int", NONE: "void", VALUE: "hf_real"}
+_ELEMENTS = {
+    FLOATS: "double", WHOLES: "long", TABLE: "hf_table", VALUES: "hf_real", FLAGS: "uint8_t",
+}  # fmt: skip
 _OPERATORS = {
     ast.Add: ("+", 5), ast.Sub: ("-", 5), ast.Mult: ("*", 6), ast.Div: ("/", 6), ast.Mod: ("%", 6),
     ast.FloorDiv: ("/", 6), ast.RShift: (">>", 0), ast.LShift: ("<<", 0), ast.BitAnd: ("&", 0),
@@ -59,14 +67,31 @@ _CALLED_BY_SCALARS = {
 _ATOM, _PREFIX = 9, 7
 
 
-def scalars_c(library: Scalars, roots: Sequence[str]) -> str:
+def scalars_c(library: Scalars, roots: Sequence[str], *, kernels: bool = False) -> str:
     """The text of these functions and of those that they call, named hf_ and their name.
 
-    An entry of a `Table` has the type hf_table, which the text before it has to define.
+    An entry of a `Table` has the type hf_table, a `Value` the type hf_real, which the text before
+    it has to define. kernels: whether the first are kernels of a device (`device/blocks.h`); then a
+    product and a sum are fused, as LLVM may in the same functions.
     """
-    text = "\n".join(_Printer(library, f).text() for f in library.needed(roots))
-    helpers = [f"static {body}\n" for name, body in _HELPERS.items() if f"hf_{name}(" in text]
-    return "\n".join([*helpers, text])
+    scope = "HF_FUNCTION" if kernels else "static"
+    text = "\n".join(
+        _Printer(library, f, "HF_KERNEL" if kernels and f.name in roots else scope, kernels).text()
+        for f in library.needed(roots)
+        if f.body
+    )
+    return c_helpers(_HELPERS, text, scope) + text
+
+
+def heading_c(library: Scalars, name: str, scope: str) -> str:
+    """That of a function which a program defines."""
+    return _Printer(library, library.functions[name], scope, fused=False).heading()
+
+
+def c_helpers(helpers: Mapping[str, str], text: str, scope: str = "static") -> str:
+    """Those of the functions that a text calls: compilers warn of unused ones."""
+    called = (body for name, body in helpers.items() if f"hf_{name}(" in text)
+    return "".join(f"{scope} {body}\n\n" for body in called)
 
 
 _HELPERS = {
@@ -74,25 +99,39 @@ _HELPERS = {
     "max": "double hf_max(double a, double b) {\n    return b > a ? b : a;\n}",
     "min_whole": "long hf_min_whole(long a, long b) {\n    return b < a ? b : a;\n}",
     "max_whole": "long hf_max_whole(long a, long b) {\n    return b > a ? b : a;\n}",
+    "min_value": "hf_real hf_min_value(hf_real a, hf_real b) {\n    return b < a ? b : a;\n}",
+    "max_value": "hf_real hf_max_value(hf_real a, hf_real b) {\n    return b > a ? b : a;\n}",
     "abs_whole": "long hf_abs_whole(long a) {\n    return a < 0 ? -a : a;\n}",
 }
 """As Python has them: `min` and `max` give the first, unless the second is beyond it."""
 
+BITS = {
+    "bits": "inline uint64_t hf_bits(double x) {\n    uint64_t bits;\n"
+    "    memcpy(&bits, &x, sizeof bits);\n    return bits;\n}",
+    "from_bits": "inline double hf_from_bits(uint64_t bits) {\n    double x;\n"
+    "    memcpy(&x, &bits, sizeof x);\n    return x;\n}",
+}
+"""The bits of a number, and the number of some bits."""
+
 
 class _Printer:
-    def __init__(self, library: Scalars, function: ScalarFunction) -> None:
-        self.known, self.function = library, function
+    def __init__(self, library: Scalars, function: ScalarFunction, scope: str, fused: bool) -> None:
+        self.known, self.function, self.scope, self.fused = library, function, scope, fused
         self.lines: list[str] = []
         self.depth = 1
 
     def text(self) -> str:
-        f = self.function
-        parameters = ", ".join(self._declared(n) for n in f.parameters)
-        heading = f"static {_TYPES[f.result]} hf_{f.name}({parameters}) {{"
+        f, heading = self.function, f"{self.heading()} {{"
         self._head()
         self._all(f.body)
         comment = " ".join(f.text.partition("\n\n")[0].split())
         return "\n".join([*_wrapped(comment), *_folded(heading), *self.lines, "}", ""])
+
+    def heading(self) -> str:
+        f = self.function
+        parameters = ", ".join(self._declared(n) for n in f.parameters)
+        of = "" if self.scope == "HF_KERNEL" else f" {_TYPES[f.result]}"
+        return f"{self.scope}{of} hf_{f.name}({parameters})"
 
     def _declared(self, name: str) -> str:
         kind = self.function.kind(name)
@@ -104,19 +143,35 @@ class _Printer:
     def _head(self) -> None:
         """The variables, a line for each kind."""
         by_type: dict[str, list[str]] = {}
+        rooms = dict(filter(None, map(self._room, ast.walk(self.function.node))))
         for name, kind in self.function.variables.items():
+            if name in rooms:
+                shared, count = rooms[name]
+                self._line(f"{shared}{_ELEMENTS[kind]} {name}[{count}];")
+                continue
             of = self._declared(name)[: -len(name)]
-            zero = "NULL" if kind in ARRAYS else "0.0" if kind == FLOAT_KIND else "0"
+            zero = "NULL" if kind in ARRAYS else "0" if kind in (INT, BOOL) else "0.0"
             star = "*" if kind in ARRAYS else ""
             by_type.setdefault(of.rstrip("*"), []).append(f"{star}{name} = {zero}")
         for of, names in by_type.items():
             self._line(f"{of}{', '.join(names)};")
 
+    def _room(self, node: ast.AST) -> tuple[str, tuple[str, int]] | None:
+        """The name of a new array that a statement makes, whether it is shared, its length."""
+        match node:
+            case ast.Assign(
+                targets=[ast.Name(id=name)], value=ast.Call(func=ast.Name(id=called), args=[count])
+            ) if called.startswith(("private_", "shared_")):
+                shared = "HF_SHARED " if called.startswith("shared_") else ""
+                return name, (shared, int(self.function.number(count) or 0))
+        return None
+
     # -- statements
 
     def _all(self, statements: Iterable[ast.stmt]) -> None:
         for one in statements:
-            self._statement(one)
+            if self._room(one) is None:
+                self._statement(one)
 
     def _statement(self, node: ast.stmt) -> None:
         match node:
@@ -145,9 +200,16 @@ class _Printer:
                 self._line(f"while ({self._text(test)}) {{")
                 self._inside(body)
                 self._line("}")
-            case ast.For(target=ast.Name(id=name), iter=ast.Call(args=bounds), body=body):
+            case ast.For(
+                target=ast.Name(id=name), iter=ast.Call(func=ranged, args=bounds), body=body
+            ):
                 first, last = (bounds[0], bounds[1]) if len(bounds) > 1 else (None, bounds[0])
                 start = self._text(first) if first is not None else "0"
+                if (among := ast.unparse(ranged)) != "range":
+                    self._line(f"HF_{among.upper()}({name}, {start}, {self._text(last)}) {{")
+                    self._inside(body)
+                    self._line("}")
+                    return
                 below = f"{name} < {self._text(last, 4)}"
                 turn = f"{name}++"
                 if len(bounds) > 2 and self.function.number(bounds[2]) == -1:
@@ -193,7 +255,12 @@ class _Printer:
                 return f"{name}[{self._text(place)}]", _ATOM
             case ast.BinOp(left=left, op=op, right=right):
                 symbol, strength = _OPERATORS[type(op)]
-                a, b = self._text(left, strength), self._text(right, strength + 1)
+                kind = self.function.kinds[node]
+                if self.fused and kind != INT and isinstance(op, ast.Add | ast.Sub):
+                    for side, other in ((left, right), (right, left)):
+                        if isinstance(side, ast.BinOp) and isinstance(side.op, ast.Mult):
+                            return self._in_one(kind, op, side, other, first=side is left), _ATOM
+                a, b = self._as(kind, left, strength), self._as(kind, right, strength + 1)
                 if isinstance(op, ast.Div) and self.function.kinds[left] == INT:
                     a = f"(double){self._text(left, _PREFIX)}"
                 return (
@@ -205,8 +272,9 @@ class _Printer:
                 return f"{sign}{self._text(inner, least)}", _PREFIX
             case ast.Compare(left=left, ops=tests, comparators=others):
                 pairs = zip((left, *others), tests, others, strict=False)
+                kind = common({self.function.kinds[one] for one in (left, *others)})
                 texts = [
-                    f"{self._text(a, 4)} {_OPERATORS[type(t)][0]} {self._text(b, 4)}"
+                    f"{self._as(kind, a, 4)} {_OPERATORS[type(t)][0]} {self._as(kind, b, 4)}"
                     for a, t, b in pairs
                 ]
                 return (texts[0], 3) if len(texts) == 1 else (f"({' && '.join(texts)})", _ATOM)
@@ -214,15 +282,35 @@ class _Printer:
                 symbol, strength = _OPERATORS[type(op)]
                 return f" {symbol} ".join(self._text(v, 3) for v in values), strength
             case ast.IfExp(test=test, body=a, orelse=b):
-                return f"{self._text(test, 1)} ? {self._text(a, 1)} : {self._text(b, 1)}", 0
+                kind = self.function.kinds[node]
+                return f"{self._text(test, 1)} ? {self._as(kind, a, 1)} : {self._as(kind, b, 1)}", 0
             case ast.Call(args=arguments):
                 return self._called(self.function.calls[node], arguments)
         raise AssertionError(ast.dump(node))
 
+    def _as(self, kind: str, node: ast.expr, least: int = 0) -> str:
+        """The text of an operand of what is of this kind: what is no `Value` becomes one first."""
+        if kind == VALUE and self.function.kinds[node] != VALUE:
+            return f"(hf_real){self._text(node, _PREFIX)}"
+        return self._text(node, least)
+
+    def _in_one(
+        self, kind: str, op: ast.operator, product: ast.BinOp, other: ast.expr, *, first: bool
+    ) -> str:
+        """A product and a sum, or a difference, rounded once."""
+        one, two = self._as(kind, product.left), self._as(kind, product.right)
+        rest = self._as(kind, other, _ATOM)
+        if isinstance(op, ast.Sub):
+            one, rest = (one, f"-{rest}") if first else (f"-({one})", rest)
+        return f"fma({one}, {two}, {rest})"
+
     def _called(self, name: str, arguments: Sequence[ast.expr]) -> tuple[str, int]:
         if name in ("min", "max", "abs"):
-            whole = all(self.function.kinds[a] == INT for a in arguments)
-            name += "_whole" if whole else ""
+            kind = common({self.function.kinds[a] for a in arguments})
+            name += "_whole" if kind == INT else ""
+            if kind == VALUE and name != "abs":
+                texts = ", ".join(self._as(kind, a) for a in arguments)
+                return f"hf_{name}_value({texts})", _ATOM
         if name in ("int", "float"):
             return f"{_CALLED_BY_SCALARS[name]}{self._text(arguments[0], _PREFIX)}", _PREFIX
         called = _CALLED_BY_SCALARS.get(name) or f"hf_{name}"
@@ -301,7 +389,7 @@ def c_body(
     return "\n".join(lines)
 
 
-def c_functions(text: str, functions: Iterable[Function]) -> str:
+def c_functions(text: str, functions: Iterable[Function | OverWalls]) -> str:
     """Those of the functions that a text calls, each before those that call it."""
     definitions: dict[str, str] = {}
     by_name = {f"hf_{function.name}(": function for function in functions}
@@ -309,7 +397,10 @@ def c_functions(text: str, functions: Iterable[Function]) -> str:
     def add(text: str) -> None:
         for call, function in by_name.items():
             if call in text and function.name not in definitions:
-                whole = _definition(function)
+                if isinstance(function, OverWalls):
+                    whole = _over_walls(function)
+                else:
+                    whole = _definition(function)
                 add(whole.partition("{\n")[2])
                 definitions[function.name] = whole
 
@@ -331,16 +422,44 @@ def _definition(function: Function) -> str:
         outputs = "".join(f", {_KINDS[k]} *r{i}" for i, k in enumerate(function.kinds))
         heading = f"static inline void hf_{function.name}({parameters}{outputs}) {{"
         end = [f"    *r{i} = {text};" for i, text in enumerate(texts)]
-    return "\n".join([f"/* {comment} */", heading, *body.lines, *end, "}"])
+    return "\n".join([f"/* {comment} */", *_folded(heading), *body.lines, *end, "}"])
+
+
+def _over_walls(function: OverWalls) -> str:
+    """A function of points and of walls, x0, y0, x1, y1 each, gives its result number k."""
+    steps = Steps(expanded=False)
+    points = function.one.parameters[: function.points]
+    first = function.first(*(steps.input(p) for p in points))
+    body = Body(steps, first, "")
+    places = range(len(first))
+    results = ", ".join(body.text(v.number) for v in first)
+    parameters = ", ".join(f"double {p}" for p in points)
+    arguments = [*points, *(f"ends[{i}]" for i in range(4)), *(f"r[{i}]" for i in places)]
+    arguments += [f"&r[{i}]" for i in places]
+    return "\n".join(
+        [
+            f"/* Result k of the walls together; {function.one.name} is for each. */",
+            *_folded(
+                f"static inline double hf_{function.name}(int k, {parameters}, "
+                "const double *ends, int count) {"
+            ),
+            f"    double r[] = {{{results}}};",
+            "    for (int j = 0; j < count; j++, ends += 4)",
+            *_folded(f"        hf_{function.one.name}({', '.join(arguments)});"),
+            "    return r[k + 1];",
+            "}",
+        ]
+    )
 
 
 class Body:
     """The lines of some steps; what is used once stands where it is used.
 
-    real: the type of numbers that are not whole; of steps in float all functions are C++'s, which
-    have several types. read: the texts of steps whose values are known; inputs: those of inputs, by
-    default their names. fused: whether a product that is used once is fused with the sum it is in,
-    by a call of fma, which is exactly rounded on every target.
+    real: the type of numbers that are not whole, of_fused: of steps that may be fused; of steps in
+    float all functions are C++'s, which have several types. read: the texts of steps whose values
+    are known; inputs: those of inputs, by default their names. Of steps that may be fused, a
+    product that is used once is fused with the sum it is in, by a call of fma, which is exactly
+    rounded on every target.
     """
 
     def __init__(
@@ -349,34 +468,48 @@ class Body:
         results: Sequence[Value],
         indent: str,
         real: str = "double",
+        of_fused: str = "double",
         *,
         read: Mapping[int, str] = MappingProxyType({}),
         inputs: Mapping[str, str] = MappingProxyType({}),
-        fused: bool = False,
     ) -> None:
-        self.steps, self.indent, self.real, self.fused = steps, indent, real, fused
-        self.inputs = inputs
+        self.steps, self.indent, self.inputs, self.read = steps, indent, inputs, read
+        self.reals = {False: real, True: of_fused}
         self.lines: list[str] = []
         self.tables: dict[tuple[int, ...], str] = {}
         self.texts: dict[int, tuple[str, int]] = {}
-        numbers = steps.needed([v.number for v in results], read)
-        computed = [n for n in numbers if n not in read]
+        asked = [v.number for v in results]
+        computed = [n for n in steps.needed(asked, read) if n not in read]
         self.uses = Counter(k for n in computed for k in steps.list[n].arguments)
-        self.uses.update({v.number for v in results})
-        self.texts |= {n: (read[n], ATOM) for n in numbers if n in read}
-        for number in computed:
-            step = steps.list[number]
+        self.uses.update(set(asked))
+        self._print_all(steps.needed(asked, read, always=True))
+
+    def _print_all(self, numbers: Iterable[int]) -> None:
+        for number in numbers:
+            if number in self.read:
+                self.texts[number] = self.read[number], ATOM
+                continue
+            step = self.steps.list[number]
             text, binding = self._one(number, step)
-            simple = step.operation in ("input", "constant", "result") or step.kind == "several"
-            if not simple and (self.uses[number] > 1 or len(text) > MOST):
-                kind = self.real if step.kind == FLOAT else _KINDS.get(step.kind, "int")
-                self._line(f"const {kind} c_{number} = {text};")
+            simple = step.operation in ("input", "constant", "result", WHERE)
+            if (
+                step.kind != "several"
+                and not simple
+                and (self.uses[number] > 1 or len(text) > MOST)
+            ):
+                self._line(f"const {self._type(step)} c_{number} = {text};")
                 text, binding = f"c_{number}", ATOM
             self.texts[number] = text, binding
 
-    def text(self, number: int, least: int = 0) -> str:
-        """The text of a step, in parentheses if it binds less than that."""
+    def _type(self, step: Step) -> str:
+        return self.reals[step.fused] if step.kind == FLOAT else _KINDS.get(step.kind, "int")
+
+    def text(self, number: int, least: int = 0, real: str = "") -> str:
+        """The text of a step, in parentheses if it binds less than that; as this type."""
         text, binding = self.texts[number]
+        step = self.steps.list[number]
+        if real and step.kind == FLOAT and self._type(step) != real:
+            text, binding = f"({real}){text if binding >= 7 else f'({text})'}", 7
         return text if binding >= least else f"({text})"
 
     def _line(self, text: str) -> None:
@@ -384,25 +517,27 @@ class Body:
 
     def _one(self, number: int, step: Step) -> tuple[str, int]:
         operation, a = step.operation, step.arguments
+        real = self.reals[step.fused]
         if operation == "input":
             return self.inputs.get(step.given, str(step.given)), ATOM
         if operation == "constant":
-            return _constant(step, single=self.real == "float")
-        if self.fused and (fused := self._in_one(step)):
+            return _constant(step, single=real == "float")
+        if fused := self._in_one(step, real):
             return fused, ATOM
         if operation in _BINARY:
             sign, binding = _BINARY[operation]
             if not binding:
                 return f"({self.text(a[0], ATOM)} {sign} {self.text(a[1], ATOM)})", ATOM
-            return f"{self.text(a[0], binding)} {sign} {self.text(a[1], binding + 1)}", binding
+            one, two = self.text(a[0], binding, real), self.text(a[1], binding + 1, real)
+            return f"{one} {sign} {two}", binding
         if operation in _CALLED:
-            return f"{_CALLED[operation]}({self.text(a[0])})", ATOM
+            return f"{_CALLED[operation]}({self.text(a[0], 0, real)})", ATOM
         if operation == "neg":
-            return f"-{self.text(a[0], ATOM)}", 7
+            return f"-{self.text(a[0], ATOM, real)}", 7
         if operation == "not":
             return f"!{self.text(a[0], ATOM)}", 7
         if operation == "choose":
-            when, one, other = (self.text(k, 4) for k in a)
+            when, one, other = (self.text(k, 4, real) for k in a)
             return f"({when} ? {one} : {other})", ATOM
         if operation == "entry":
             return f"{self._table(step.given)}[{self.text(a[0])}]", ATOM
@@ -410,23 +545,38 @@ class Body:
             return f"c_{a[0]}_{step.given}", ATOM
         if operation == WALLS:
             return self._walls(step), ATOM
+        if operation == WHERE:
+            return self._only_where(number, step, real), ATOM
         return self._several(number, step)
 
-    def _in_one(self, step: Step) -> str:
+    def _in_one(self, step: Step, real: str) -> str:
         """A sum or a difference of which one side is a product that nothing else needs."""
-        if step.operation not in ("add", "sub"):
+        if not step.fused or step.operation not in ("add", "sub"):
             return ""
         for side, other in (step.arguments, step.arguments[::-1]):
             product = self.steps.list[side]
-            if product.operation == "mul" and self.uses[side] == 1:
-                first, second = (self.text(k) for k in product.arguments)
-                rest = self.text(other, ATOM)
+            if product.operation == "mul" and product.fused and self.uses[side] == 1:
+                first, second = (self.text(k, 0, real) for k in product.arguments)
+                rest = self.text(other, ATOM, real)
                 if step.operation == "sub" and side == step.arguments[0]:
                     rest = f"-{rest}"
                 elif step.operation == "sub":
                     first = f"-({first})"
                 return f"fma({first}, {second}, {rest})"
         return ""
+
+    def _only_where(self, number: int, step: Step, real: str) -> str:
+        """A variable, and the steps that only its unusual value needs."""
+        when, usual, value = step.arguments
+        self._line(f"{self._type(step)} c_{number} = {self.text(usual, 0, real)};")
+        self._line(f"if ({self.text(when)}) {{")
+        indent, self.indent = self.indent, f"{self.indent}    "
+        needed = self.steps.needed([value], self.texts, always=True)
+        self._print_all(k for k in needed if k not in self.texts)
+        self._line(f"c_{number} = {self.text(value, 0, real)};")
+        self.indent = indent
+        self._line("}")
+        return f"c_{number}"
 
     def _table(self, words: tuple[int, ...]) -> str:
         """The name of a table, which is declared where it is first used."""

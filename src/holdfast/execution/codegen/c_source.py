@@ -39,7 +39,7 @@ from holdfast._version import __version__
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import AnyArray
-from holdfast.execution.codegen.c_printer import c_body, c_functions, scalars_c
+from holdfast.execution.codegen.c_printer import BITS, c_body, c_functions, c_helpers, scalars_c
 from holdfast.execution.codegen.closed_loop_program import ControllerProgram, controller_program
 from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.execution.codegen.scalar_reader import scalars
@@ -62,20 +62,6 @@ def c_name(name: str) -> str:
 def c_file(name: str) -> str:
     """The text of a file of this package's folder `c`."""
     return (files("holdfast.execution.codegen") / "c" / f"{name}.c").read_text("utf-8")
-
-
-def c_needed(name: str, text: str) -> str:
-    """The functions of such a file that the text calls, directly or through others.
-
-    Compilers warn of unused functions. Blank lines stand only between functions.
-    """
-    blocks: list[str] = []
-    for block in reversed(c_file(name).split("\n\n")):
-        defined = re.search(r"^static .*?(\w+)\(", block, re.MULTILINE)
-        if defined and re.search(rf"\b{defined[1]}\(", text):
-            blocks.insert(0, block.rstrip("\n"))
-            text += block
-    return "".join(f"{block}\n\n" for block in blocks)
 
 
 def c_own(text: str, name: str) -> str:
@@ -553,11 +539,7 @@ class _File:
     def _helpers(self, functions: str) -> list[str]:
         """The helper functions that the functions call."""
         called = c_functions(functions, FUNCTIONS)
-        texts = [
-            c_needed("arithmetic", functions + called),
-            called,
-            c_needed("walls", functions),
-        ]
+        texts = [c_helpers(BITS, functions + called), called]
         guards = self.program.safeguards.values()
         scalar = sorted({_keeper(g) for g in guards})
         if self.table is not None:

@@ -9,7 +9,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic import basics, elementary
-from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, root
+from holdfast.execution.arithmetic.steps import FLOAT, Function, Steps, Value, root
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.maths.expressions.traversal import symbols_of
 
@@ -92,11 +92,11 @@ class Lowering:
             return self._power(*e.as_base_exp())
         name = type(e).__name__
         if name in _PICKED:
-            points, function = _PICKED[name]
+            function = _PICKED[name]
             values = [self.value(a) for a in e.args[1:]]
             if self.steps.expanded:
                 return function(*values)[int(e.args[0])]
-            immediate = (name, points, int(e.args[0]))
+            immediate = (name, function.points, int(e.args[0]))
             return self.steps.step(WALLS, *values, immediate=immediate, kind=FLOAT)
         arguments = e.args[:2] if name in _GUARDED else e.args
         return self._function(name, e)(*map(self.value, arguments))
@@ -172,20 +172,20 @@ _ALGEBRAIC = frozenset(
     ("Abs", "magnitude", "Min", "Max", "sgn", "sign", "select", "least", "greatest", "length")
 )
 
-_PICKED: dict[str, tuple[int, Callable[..., tuple[Value, ...]]]] = {
-    "nearest_on_walls": (2, basics.nearest_on_walls),
-    "nearest_to_sight": (4, basics.nearest_to_sight),
-    "nearest_face": (2, basics.nearest_face),
+_PICKED = {
+    function.name: function
+    for function in (basics.nearest_on_walls, basics.nearest_to_sight, basics.nearest_face)
 }
 """Functions of some coordinates and of walls, of whose results the first argument picks one."""
 
-FUNCTIONS = (
+FUNCTIONS: tuple[Function | basics.OverWalls, ...] = (
     basics.wrap, basics.least, basics.greatest, basics.sgn, basics.sign, basics.select,
     basics.length, elementary.sine_and_cosine, elementary.tangent, elementary.arctangent,
     elementary.arcsine, elementary.arccosine, elementary.angle_of,
     elementary.REDUCED_BY_DIGITS, elementary.exponential, elementary.logarithm,
     elementary.power, elementary.hyperbolic_sine, elementary.hyperbolic_cosine,
-    elementary.hyperbolic_tangent,
+    elementary.hyperbolic_tangent, basics.foot, basics.turn,
+    *(f.one for f in _PICKED.values()), *_PICKED.values(),
 )  # fmt: skip
 """All functions that steps may call."""
 

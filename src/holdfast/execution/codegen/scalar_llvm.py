@@ -230,7 +230,9 @@ class Instructions:
                 return self.named(f"atomicrmw add ptr {values[0]}, i64 1 monotonic")
             case "look":
                 return self.named(f"load atomic i64, ptr {values[0]} acquire, align 8")
-        return self.named(f"inttoptr i64 {values[0]} to ptr")
+            case "table_at" | "values_at":
+                return self.named(f"inttoptr i64 {values[0]} to ptr")
+        raise ValueError(f"'{name}' is for kernels of a device")
 
     def _offset(self, array: str, first: str, index: str) -> str:
         return self.named(f"getelementptr {self.entry(array)}, ptr {first}, i64 {index}")

@@ -12,7 +12,10 @@ assignments of numbers and of parts of arrays (`rows[k:]`), `if`, `while`, `for 
 `break`, `continue`, `return`, and calls; its expressions consist of arithmetic, comparisons, `and`,
 `or`, `not`, `a if b else c`, the functions of `BUILT_IN`, functions of the same text or that it
 imports by name, and constants. Python's `%` and `//` are for numbers that are not negative.
-`math.floor` gives a float.
+`math.floor` gives a float. A function whose body is its docstring is one that a program defines.
+
+Kernels of a device are such functions too. A block of threads, or all blocks, share the numbers of
+a range: `over_threads`, `over_blocks` and `over_all` in the place of `range`.
 """
 
 from __future__ import annotations
@@ -103,14 +106,23 @@ KINDS = {INT, FLOAT, VALUE, BOOL, NONE, *ARRAYS}
 
 MACHINE: Mapping[str, str] = {
     "table_at": TABLE, "values_at": VALUES, "address": INT, "call": NONE, "copy": NONE,
-    "take": INT, "look": INT,
+    "take": INT, "look": INT, "wait": NONE, "add": NONE, "most": NONE, "private_floats": FLOATS,
+    "private_wholes": WHOLES, "private_values": VALUES, "shared_floats": FLOATS,
+    "shared_wholes": WHOLES,
 }  # fmt: skip
 """What has a meaning in machine code alone, and the kind of the result.
 
 table_at(k), values_at(k): the array at an address. address(a, k): of an entry. call(k, ...): the
 machine code at an address, with whole numbers. copy(a, i, count, b, j): count entries of a from i
 on to b from j on. take(a), look(a): a[0] by an atomic operation; `take` increments it.
+
+In kernels of a device: wait(): until all threads of the block are here. add(a, k, n): n to a[k], by
+an atomic operation. most(a, k, x): a[k] are the bits of the largest number, none of them negative.
+private_floats(n), ...: a new array of so many, of a thread; shared_floats(n), ...: of a block.
 """
+
+RANGES = ("range", "over_threads", "over_blocks", "over_all")
+
 BUILT_IN: Mapping[str, str] = {
     "min": "", "max": "", "abs": "", "int": INT, "float": FLOAT, "math.sqrt": FLOAT,
     "math.floor": FLOAT, "math.isnan": BOOL, "math.isfinite": BOOL, **MACHINE,
@@ -282,7 +294,9 @@ class _Reader:
         self._views: list[tuple[str, str]] = []
         for statement in self.function.body:
             self._statement(statement)
-        if self.function.result != NONE and not returns(self.function.body):
+        if not self.function.body:
+            self.function.written = {n for n, kind in parameters.items() if kind in ARRAYS}
+        elif self.function.result != NONE and not returns(self.function.body):
             raise self._refuse(node, "a way to the end without a result")
         for unknown in uncertain(self.function.body, set(parameters), self.function.variables):
             raise self._refuse(unknown, f"'{unknown.id}' may have no value")
@@ -318,10 +332,10 @@ class _Reader:
                 self._all(body)
             case ast.For(
                 target=ast.Name(id=name),
-                iter=ast.Call(func=ast.Name(id="range"), args=bounds),
+                iter=ast.Call(func=ast.Name(id=ranged), args=bounds),
                 body=body,
                 orelse=[],
-            ):
+            ) if ranged in RANGES:
                 for bound in bounds:
                     if self._kind(bound) != INT:
                         raise self._refuse(bound, "a bound that is not whole")
@@ -426,8 +440,8 @@ class _Reader:
         kinds = [self._kind(a) for a in arguments]
         self.function.calls[node] = name
         if name in MACHINE:
-            if name == "copy":
-                self.function.written.add(_array_of(arguments[3]))
+            if name in _WRITTEN:
+                self.function.written.add(_array_of(arguments[_WRITTEN[name]]))
             return MACHINE[name]
         if name in BUILT_IN:
             if len(kinds) != 1 + (name in ("min", "max")):
@@ -442,6 +456,10 @@ class _Reader:
             if parameter in called.written:
                 self.function.written.add(_array_of(argument))
         return called.result
+
+
+_WRITTEN = {"copy": 3, "add": 0, "most": 0}
+"""Which argument of a function of `MACHINE` is an array that it writes to."""
 
 
 def _names(node: ast.AST) -> set[str]:

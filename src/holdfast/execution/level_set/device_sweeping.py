@@ -1,27 +1,28 @@
 """The values of a march on a graphics processor, its stages there, and their text.
 
-The text is that of the leaves of the march on a processor (`stage_leaf.py`, `stage_leaf.py`, the
-schemes), printed as C++ for a node, not as LLVM for a run of nodes, and of the sweep that calls
-them. It is the same for a GPU and for the C++ compiler of this machine. The values differ from
-those of the march on a processor by roundings alone: the latter lets LLVM choose which product is
-fused with which sum.
+The text is that of the leaves of the march on a processor (`stage_leaf.py`, the schemes), printed
+as C++ for a node, not as LLVM for a run of nodes, and of the sweep that calls them
+(`device_sweep.py`). It is the same for a GPU and for the C++ compiler of this machine. The values
+differ from those of the march on a processor by roundings alone: the latter lets LLVM choose which
+product is fused with which sum.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib import resources
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from holdfast.execution.arithmetic.steps import Steps, Value
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.codegen.c_printer import Body, c_functions
+from holdfast.execution.codegen.c_printer import ATOM, Body, c_functions, heading_c, scalars_c
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import FUNCTIONS
+from holdfast.execution.codegen.scalar_reader import Scalars, read
 from holdfast.execution.device.program import Device
 from holdfast.execution.level_set.schemes import Scheme
 from holdfast.execution.level_set.stage_leaf import Stage, names_of_numbers
@@ -43,9 +44,6 @@ MOST_NODES = 256
 SHARED = 1 << 15
 """Bytes that a block of threads shares, at most."""
 
-TABLE = "hf_real *table, hf_int pitch"
-"""The results of the leaf of the last axis: rows that are `pitch` numbers apart."""
-
 
 def device_layout(shape: Sequence[int], of_row: int) -> tuple[int, int, int, int]:
     """As `units.layout`: what depends on the rows of a unit is shared by a block of threads."""
@@ -54,201 +52,81 @@ def device_layout(shape: Sequence[int], of_row: int) -> tuple[int, int, int, int
 
 
 def march_text(stage: Stage, scheme: Scheme, precision: str, rows: int) -> str:
-    """The kernels `hf_last_axis`, `hf_stage`, `hf_measured` and `hf_mirror`.
+    """The kernels of `device_sweep.py`, from `last_axis` on, and what belongs to one program.
 
     rows: of the last axis in a unit.
     """
     real = "float" if precision == "float32" else "double"
     rates = stage.rates
+    named = {
+        "AXES": stage.axes, "ACROSS": max(stage.axes - 2, 0), "GHOSTS": scheme.ghosts,
+        "FALLS": names_of_numbers(stage.axes).index("low0"),
+        "NUMBERS_OF_ROW": rates.of_row + rates.outer, "MOST_ROWS": int(rows),
+    }  # fmt: skip
+    folder = resources.files(__package__)
+    files = ((folder / f"{name}.py").read_text("utf-8") for name in ("stencils", "device_sweep"))
+    numbers = "\n".join(f"{name} = {value}" for name, value in named.items())
+    parsed = read("\n".join((next(files), numbers, next(files))))
+    sweep = scalars_c(parsed, ["last_axis", "stage", "measured", "reflect"], kernels=True)
     leaves = [
-        _leaf("along", rates.leaves["along"], real, "table[{} * pitch]", TABLE),
-        _leaf("row", rates.leaves["rows"], "double", "of_row[{} * HF_MOST_ROWS]", "double *of_row"),
-        *_scheme(scheme, precision, real),
-        _node(stage, real),
+        _leaf(parsed, "along_last_axis", rates.leaves["along"], "table[{} * pitch]", real),
+        _leaf(parsed, "of_a_row", rates.leaves["rows"], f"row[{{}} * {rows}]"),
+        *_scheme(parsed, scheme, precision, real),
+        _node(parsed, stage, real, int(rows)),
     ]
     text = "\n\n".join(leaves)
     functions = c_functions(text, FUNCTIONS).replace("static inline", "HF_FUNCTION")
-    named = {
-        "AXES": stage.axes, "GHOSTS": scheme.ghosts, "ONE_SLOPE": int(scheme.one_slope),
-        "FILTERED": int(stage.filtered), "LOWER": int(stage.lower), "UPPER": int(stage.upper),
-        "FALLS": names_of_numbers(stage.axes).index("low0"),
-        "ROW": rates.of_row + rates.outer,
-        "MOST_ROWS": int(rows),
-    }  # fmt: skip
-    head = [f"#define HF_{name} {value}" for name, value in named.items()]
-    sweep = (resources.files(__package__) / "device_sweep.h").read_text("utf-8")
-    return "\n".join([f"typedef {real} hf_real;", *head, "", functions + text, "", sweep])
+    return "\n\n".join([f"typedef {real} hf_real;", functions + text, sweep])
 
 
-def _leaf(name: str, leaf: Leaf, real: str, place: str, into: str) -> str:
+def _function(parsed: Scalars, name: str, body: Body | None, ends: Iterable[str]) -> str:
+    """One of the functions that the sweep has without a body."""
+    lines = body.lines if body else ()
+    return "\n".join([f"{heading_c(parsed, name, 'HF_FUNCTION')} {{", *lines, *ends, "}"])
+
+
+def _leaf(parsed: Scalars, name: str, leaf: Leaf, place: str, real: str = "double") -> str:
     """A leaf of nodes or rows: w its states, u what is the same everywhere."""
-    body = Body(leaf.steps, leaf.results, "    ")
-    used = _inputs(leaf.steps, leaf.results)
-    places = {
-        n: f"{a}[{k}]" for a in ("w", "u") for k, n in enumerate(leaf.arguments[a]) if n in used
-    }
-    ends = [
-        f"    {place.format(i)} = {_cast(body.text(v.number), real)};"
-        for i, v in enumerate(leaf.results)
-    ]
-    return "\n".join(
-        [
-            f"HF_FUNCTION void hf_{name}(const double *w, const double *u, {into})",
-            "{",
-            *_declared(places, "double"),
-            *body.lines,
-            *ends,
-            "}",
-        ]
-    )
+    inputs = {n: f"{a}[{k}]" for a in ("w", "u") for k, n in enumerate(leaf.arguments[a])}
+    body = Body(leaf.steps, leaf.results, "    ", inputs=inputs)
+    texts = (body.text(v.number, ATOM) for v in leaf.results)
+    ends = (f"    {place.format(i)} = ({real}){text};" for i, text in enumerate(texts))
+    return _function(parsed, name, body, ends)
 
 
-def _cast(text: str, real: str) -> str:
-    return text if real == "double" else f"(hf_real)({text})"
-
-
-def _scheme(scheme: Scheme, precision: str, real: str) -> Iterable[str]:
+def _scheme(parsed: Scalars, scheme: Scheme, precision: str, real: str) -> Iterator[str]:
     """The slope at the upper and at the lower end of an interval, from the nodes n[0], n[1], ...
 
-    The plain difference, which its leaf may have too, is a subtraction in `device_sweep.h`.
+    The plain difference, which its leaf may have too, is a subtraction in `device_sweep.py`.
     """
+    names = ("upper_slope", "lower_slope")
     if scheme.one_slope:
+        for k, name in enumerate(names):
+            yield _function(parsed, name, None, [f"    return n[{k}];"])
         return
     leaf = scheme.leaf(precision, plain=False)
-    for name, result in zip(("upper", "lower"), leaf.results, strict=True):
-        body = Body(leaf.steps, [result], "    ", real, fused=True)
-        places = {f"n{k}": f"n[{k}]" for k in range(2 * scheme.ghosts)}
-        used = _inputs(leaf.steps, [result])
-        yield "\n".join(
-            [
-                f"HF_FUNCTION hf_real hf_{name}(const hf_real *n)",
-                "{",
-                *_declared({k: v for k, v in places.items() if k in used}, real),
-                *body.lines,
-                f"    return {body.text(result.number)};",
-                "}",
-            ]
-        )
+    inputs = {f"n{k}": f"n[{k}]" for k in range(2 * scheme.ghosts)}
+    for name, result in zip(names, leaf.results, strict=True):
+        body = Body(leaf.steps, [result], "    ", of_fused=real, inputs=inputs)
+        yield _function(parsed, name, body, [f"    return {body.text(result.number)};"])
 
 
-def _node(stage: Stage, real: str) -> str:
+def _node(parsed: Scalars, stage: Stage, real: str, rows: int) -> str:
     """From the slopes in cells on both sides of a node, and its plain differences, to its value."""
-    n = stage.axes
-    places = {name: f"numbers[{k}]" for k, name in enumerate(names_of_numbers(n))}
-    names = [f"{x}{i}" for x in ("mean", "gap") for i in range(n)]
-    lines = [
-        *_declared(places, real),
-        f"    {real} {', '.join(names)}, rate;",
-        *_rate(stage, real, "", "rate", 0, declared=False),
-    ]
-    if stage.filtered:
-        sides = {
-            f"{kind}{x}{i}": f"{kind}{x}[{i}]"
-            for kind in ("", "plain_")
-            for i in range(n)
-            for x in ("below", "above")
-        }
-        steps, results = stage.apart()
-        apart = Body(steps, results, "        ", real, fused=True)
-        steps, (held,) = stage.filter()
-        last = Body(steps, [held], "            ", real, fused=True)
-        lines += [
-            "    {",
-            f"    {real} {', '.join(f'speed{i}' for i in range(n))};",
-            *(
-                x
-                for i in range(n)
-                for x in _rate(stage, real, "", f"speed{i}", 2 + i, declared=True)
-            ),
-            *_declared(sides, real, "        "),
-            *apart.lines,
-            f"        if ({apart.text(results[2].number)}) {{",
-            f"            const {real} apart = {apart.text(results[0].number)};",
-            f"            const {real} own_leeway = {apart.text(results[1].number)};",
-            f"            {real} monotone;",
-            *_rate(stage, real, "plain_", "monotone", 1, declared=True),
-            "            {",
-            f"            const {real} leeway = own_leeway;",
-            *last.lines,
-            f"            rate = {last.text(held.number)};",
-            "            }",
-            "        }",
-            "    }",
-        ]
-    steps, results = stage.step(measured=True)
-    last = Body(steps, results, "    ", real, fused=True)
-    lines += last.lines
-    for name, value in zip(("new_value", "differs", "odd", "move"), results, strict=True):
-        lines.append(f"    *{name} = {last.text(value.number)};")
-    return "\n".join(
-        [
-            "HF_FUNCTION void hf_node(const double *numbers, const hf_real *along, hf_int pitch,",
-            "    const double *of_row, const hf_real *below, const hf_real *above,",
-            "    const hf_real *plain_below, const hf_real *plain_above, hf_real value,",
-            "    hf_real base, hf_real before, hf_real lower, hf_real upper, hf_real *new_value,",
-            "    int *differs, int *odd, hf_real *move)",
-            "{",
-            *lines,
-            "}",
-        ]
-    )
-
-
-def _rate(
-    stage: Stage, real: str, kind: str, name: str, result: int, *, declared: bool
-) -> list[str]:
-    """A block that sets `name` to a result of the leaf of the rate, from the slopes of a kind.
-
-    declared: whether the means and gaps are the block's own, and not those outside it.
-    """
-    n, rates = stage.axes, stage.rates
-    rate, along = rates.rate, rates.along
-    of_rate = real if rate.algebraic else "double"
-    slopes, results = stage.slopes()
-    means = Body(slopes, results, "            ", real, fused=True)
-    names = [f"{x}{i}" for x in ("mean", "gap") for i in range(n)]
-    sides = {f"{x}{i}": f"{kind}{x}[{i}]" for i in range(n) for x in ("below", "above")}
-    wanted = rate.results[result]
-    used = _inputs(rate.steps, [wanted])
-    places: dict[str, str] = {}
-    for k, argument in enumerate(rate.arguments["w"]):
-        if k < along:
-            places[argument] = f"along[{k} * pitch]"
-        elif k < along + rates.of_row:
-            places[argument] = f"(hf_real)of_row[{rates.outer + k - along} * HF_MOST_ROWS]"
-        else:
-            i = k - along - rates.of_row
-            places[argument] = f"{'mean' if i < n else 'gap'}{i % n}"
-    places |= {x: f"of_row[{k} * HF_MOST_ROWS]" for k, x in enumerate(rate.arguments["u"])}
-    body = Body(rate.steps, [wanted], "            ", of_rate)
-    return [
-        "    {",
-        *([f"        {real} {', '.join(names)};"] if declared else []),
-        "        {",
-        *_declared(sides, real, "            "),
-        *means.lines,
-        *(
-            f"            {x} = {means.text(v.number)};"
-            for x, v in zip(names, results, strict=True)
-        ),
-        "        }",
-        "        {",
-        *_declared({k: v for k, v in places.items() if k in used}, of_rate, "            "),
-        *body.lines,
-        f"            {name} = ({real})({body.text(wanted.number)});",
-        "        }",
-        "    }",
-    ]
-
-
-def _inputs(steps: Steps, results: Sequence[Value]) -> set[str]:
-    """The names of the inputs that results need."""
-    needed = steps.needed([v.number for v in results])
-    return {steps.list[k].given for k in needed if steps.list[k].operation == "input"}
-
-
-def _declared(places: Mapping[str, str], real: str, indent: str = "    ") -> list[str]:
-    return [f"{indent}const {real} {name} = ({real}){place};" for name, place in places.items()]
+    rates, results = stage.rates, stage.results()
+    of_rate = real if rates.rate.algebraic else "double"
+    inputs = {x: f"({real})numbers[{k}]" for k, x in enumerate(names_of_numbers(stage.axes))}
+    for kind, i in itertools.product(("below", "above"), range(stage.axes)):
+        inputs |= {f"{x}{kind}{i}": f"{x}{kind}[{i}]" for x in ("", "plain_")}
+    for k, x in enumerate(rates.rate.arguments["w"][: rates.along + rates.of_row]):
+        of_row = f"({real})of_row[{(rates.outer + k - rates.along) * rows}]"
+        inputs[x] = f"({of_rate})" + (f"along[{k} * pitch]" if k < rates.along else of_row)
+    for k, x in enumerate(rates.rate.arguments["u"]):
+        inputs[x] = f"({of_rate})of_row[{k * rows}]"
+    body = Body(results[0].steps, results, "    ", of_rate, real, inputs=inputs)
+    names = ("answer[0]", "verdicts[0]", "verdicts[1]", "answer[1]")
+    ends = (f"    {x} = {body.text(v.number)};" for x, v in zip(names, results, strict=True))
+    return _function(parsed, "node", body, ends)
 
 
 class DeviceSweeping(StagesHere):
@@ -360,7 +238,7 @@ class DeviceSweeping(StagesHere):
         assert fold is not None
         pitch, axis, many = map(np.int64, (fold.places.shape[1], fold.axis, len(chosen)))
         self._program.run(
-            "hf_mirror", self._device.blocks, self._grid, np.int64(array.size), fold.places, pitch,
+            "hf_reflect", self._device.blocks, self._grid, np.int64(array.size), fold.places, pitch,
             axis, chosen, many, array,
         )  # fmt: skip
 
@@ -377,7 +255,7 @@ class _DeviceFold(Fold):
 
 
 def _grid(shape: Sequence[int], cut: Sequence[int], kinds: Array) -> Array:
-    """What the kernels have to know of a grid (`device_sweep.h`)."""
+    """What the kernels have to know of a grid (`device_sweep.py`)."""
     n = len(shape)
     nodes = [math.prod(shape[i + 1 :]) for i in range(n)]
     local = cut[1] * cut[2]

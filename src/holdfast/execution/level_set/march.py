@@ -38,10 +38,10 @@ from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.arrays import Array as Doubles
 from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.device.program import Device
-from holdfast.execution.leaf import Leaves, compiled_leaves, compiled_text, padded
+from holdfast.execution.leaf import Leaves, compiled_leaves, padded
 from holdfast.execution.level_set.device_sweeping import DeviceSweeping, device_layout
 from holdfast.execution.level_set.schemes import Scheme, schemes
-from holdfast.execution.level_set.stage_leaf import Stage, rate_leaves, stage_text
+from holdfast.execution.level_set.stage_leaf import Stage, rate_leaves
 from holdfast.execution.level_set.sweeping import (
     ANYWHERE,
     Bounds,
@@ -252,10 +252,11 @@ class MarchLeaves:
         if not scheme.one_slope:
             of_scheme["scheme"] = scheme.leaf(self._precision, plain=stage.filtered)
         self._leaves = compiled_leaves({**self._rates.leaves, **of_scheme})  # they hold the code
-        self._stage, of = compiled_text(stage_text(stage)), self._leaves.addresses
+        self._stage = compiled_leaves(stage.leaves())
+        of = {**self._leaves.addresses, **self._stage.addresses}
         plain, measured = (
-            np.array([of["along"], of["rows"], self._stage.address(name), of.get("scheme", 0)])
-            for name in ("holdfast_stage", "holdfast_measured")
+            np.array([of["along"], of["rows"], of[name], of.get("scheme", 0)])
+            for name in ("stage", "measured")
         )
         rates = self._rates
         of_nodes = [rates.along, rates.of_row, rates.outer]

@@ -74,5 +74,7 @@ def slopes_along_rows(
             end = 0 if side == 0 else wide - 1
             for k in range(tall):
                 row = here - begin + k * nodes
-                own[to + k * wide + end] = ghost(values, row, there, nodes, kind, falls[i:], n)
+                own[to + k * wide + end] = value_at(
+                    values, row, 0, there, nodes, 1, kind, falls[i:], n
+                )
         places[SLOPES + 2 * i + side] = address(own, to)

@@ -91,9 +91,9 @@ def gather_along(
     high = max(min(length, nodes - start + ghosts), low)
     copy(values, first + start - ghosts + low, high - low, line, low)
     for j in range(low):
-        line[j] = ghost(values, first, start - ghosts + j, nodes, kind, falls, n)
+        line[j] = value_at(values, first, 0, start - ghosts + j, nodes, 1, kind, falls, n)
     for j in range(high, length):
-        line[j] = ghost(values, first, start - ghosts + j, nodes, kind, falls, n)
+        line[j] = value_at(values, first, 0, start - ghosts + j, nodes, 1, kind, falls, n)
 
 
 def call_scheme(scheme: int, source: Values, at: Wholes, k: int, ends: Values, count: int):

@@ -39,8 +39,8 @@ Their argument u are numbers that are the same at all nodes: of the first two th
 parameters and the largest speed along each axis; of the last what the rows have of outer axes.
 The rate is not called but is a part of the leaf of a stage, in which nothing between slopes, rate
 and step is stored. The others of its results are for a filtered scheme: the rate of a monotone step
-from the plain differences, and the largest speeds at the node. Slopes and step may be fused to
-multiplications with addition, no product and sum of the rate may: where the slope on one side is
+from the plain differences, and the largest speeds at the node. The steps of slopes and of the new
+value may be fused (`Steps`), those of the rate may not: where the slope on one side is
 zero, two equal products are subtracted, and the sign of their difference decides which input is
 optimal.
 """
@@ -48,15 +48,16 @@ optimal.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import sympy as sp
 
-from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, Steps, Value, choose
-from holdfast.execution.codegen.llvm_text import LANES, Body, Format, Leaf, Module, repeated
+from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose, only_where
+from holdfast.execution.codegen.llvm_text import Leaf, Places, lanes_of
 from holdfast.execution.codegen.lowering import is_algebraic, lowered
+from holdfast.execution.level_set.stencils import PITCH
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian, is_sharp, monotone_flux
 
@@ -269,6 +270,17 @@ MOST_STEEP = 4.0
 """How many times larger the leeway may be where the value is steeper than the start value."""
 
 
+PLACES = (
+    "value", "base", "before", "lower", "upper", "out", "rest", "changed", "odd", "moves", "along",
+    "of_row", "outer", "numbers",
+)  # fmt: skip
+"""The addresses that a stage asks for, in the order of `sweep.py`. Two slopes for each axis follow,
+and of a filtered scheme two plain differences for each."""
+
+Sides = Sequence[tuple[Value, Value]]
+"""Of each axis the slopes below and above a node, in cells."""
+
+
 @dataclass(frozen=True)
 class Stage:
     """one_slope: whether an interval has one slope. filtered: whether the rate is held close to
@@ -289,26 +301,79 @@ class Stage:
     @property
     def lanes(self) -> int:
         """Nodes that are computed at a time."""
-        rate = self.rates.rate
-        return 2 * LANES if rate.single and rate.algebraic else LANES
+        return lanes_of(self.rates.rate)
 
-    def slopes(self) -> tuple[Steps, list[Value]]:
-        """The means, then the gaps, from inputs value, below0, above0, half0, below1, ..."""
-        steps = Steps(expanded=True)
-        means, gaps = [], []
-        for i in range(self.axes):
-            below, above = steps.input(f"below{i}"), steps.input(f"above{i}")
-            if self.one_slope:
-                here = steps.input("value")
-                below, above = here - below, above - here
-            half = steps.input(f"half{i}")
-            means.append(half * (below + above))
-            gaps.append(half * (above - below))
-        return steps, [*means, *gaps]
+    def leaves(self) -> dict[str, Leaf]:
+        """`stage`, and `measured`, which also finds the largest move."""
+        results = self.results()
+        return {"stage": self._leaf(results[:3]), "measured": self._leaf(results)}
 
-    def apart(self) -> tuple[Steps, list[Value]]:
-        """s + k b, with s a bound of |r - r_M| whatever the Hamiltonian; the leeway e; and whether
-        the first is more.
+    def _leaf(self, results: Sequence[Value]) -> Leaf:
+        rates, sides = self.rates, [f"{x}{i}" for i in range(self.axes) for x in ("below", "above")]
+        if self.filtered:
+            sides += [f"plain_{x}" for x in sides]
+        nodes = ("value", "base", "before", "lower", "upper")
+        of_node = rates.rate.arguments["w"]
+        rows = {
+            **{name: [name] for name in (*nodes, *sides)},
+            "along": of_node[: rates.along],
+            "of_row": of_node[rates.along : rates.along + rates.of_row],
+            "outer": rates.rate.arguments["u"],
+            "numbers": names_of_numbers(self.axes),
+        }
+        into = ("out", "changed", "odd", "moves")[: len(results)]
+        places = Places((*PLACES, *sides), PITCH, into, largest="moves", rest="rest")
+        return Leaf(
+            results[0].steps, rows, results, frozenset({"outer", "numbers"}),
+            single=rates.rate.single, algebraic=rates.rate.algebraic, places=places,
+        )  # fmt: skip
+
+    def results(self) -> list[Value]:
+        """The new value, whether it differs, whether it is not finite, and how far it has moved.
+
+        Inputs: those of `_leaf`. Of a scheme that has one slope of every interval, those at the
+        sides of a node are the values there.
+        """
+        steps = Steps(expanded=True, fused=True)
+        sides = self._sides(steps, "")
+        slopes = sides
+        if self.one_slope:
+            here = steps.input("value")
+            slopes = [(here - below, above - here) for below, above in sides]
+        means, gaps = self._slopes(steps, slopes)
+        (rate,) = self._rates(steps, means, gaps, 0, 1)
+        if self.filtered:
+            speeds = self._rates(steps, means, gaps, 2, 2 + self.axes)
+            rate = self._held_close(steps, rate, slopes, speeds)
+        return self._step(steps, rate, means, gaps)
+
+    def _sides(self, steps: Steps, kind: str) -> Sides:
+        return [
+            (steps.input(f"{kind}below{i}"), steps.input(f"{kind}above{i}"))
+            for i in range(self.axes)
+        ]
+
+    def _slopes(self, steps: Steps, sides: Sides) -> tuple[list[Value], list[Value]]:
+        """The means, and the gaps."""
+        halves = [steps.input(f"half{i}") for i in range(self.axes)]
+        means = [half * (below + above) for half, (below, above) in zip(halves, sides, strict=True)]
+        gaps = [half * (above - below) for half, (below, above) in zip(halves, sides, strict=True)]
+        return means, gaps
+
+    def _rates(
+        self, steps: Steps, means: Sequence[Value], gaps: Sequence[Value], first: int, last: int
+    ) -> list[Value]:
+        """Some results of the leaf of the rate."""
+        rate, begin = self.rates.rate, self.rates.along + self.rates.of_row
+        slopes = dict(zip(rate.arguments["w"][begin:], [*means, *gaps], strict=True))
+        return steps.repeat(rate.results[first:last], slopes)
+
+    def _held_close(
+        self, steps: Steps, rate: Value, sides: Sides, speeds: Sequence[Value]
+    ) -> Value:
+        """The rate within the leeway of the monotone one, which is computed where a node needs it:
+        where s + k b is more than the leeway e, with s a bound of |r - r_M| whatever the
+        Hamiltonian.
 
         No speed exceeds c_i, so that with slopes p and plain differences q on both sides of a node
 
@@ -316,17 +381,13 @@ class Stage:
                          b = sum_i c_i (|p_i- + p_i+ - q_i- - q_i+| + |p_i+ - p_i-|) / 2
             e = a R,  or  a sum_i c_i min(|q_i-|, |q_i+|)  where that is more, at most 4 a R
 
-        with the share a and the largest rate R of the start value. Inputs: leeway, which is a R,
-        share, bent, which is k, and of each axis below0, above0, plain_below0, plain_above0,
-        speed0, half0, ...
+        with the share a and the largest rate R of the start value. Among the numbers are leeway,
+        which is a R, share, and bent, which is k.
         """
-        steps = Steps(expanded=True)
-        bent = steps.input("bent")
+        plain, bent = self._sides(steps, "plain_"), steps.input("bent")
         most, steep = steps.constant(0.0, FLOAT), steps.constant(0.0, FLOAT)
-        for i in range(self.axes):
-            below, above = steps.input(f"below{i}"), steps.input(f"above{i}")
-            pace = 2.0 * (steps.input(f"half{i}") * steps.input(f"speed{i}"))
-            lower, upper = steps.input(f"plain_below{i}"), steps.input(f"plain_above{i}")
+        for i, ((below, above), (lower, upper)) in enumerate(zip(sides, plain, strict=True)):
+            pace = 2.0 * (steps.input(f"half{i}") * speeds[i])
             differ = _at_least(abs(below - lower), abs(above - upper))
             bend = abs(below + above - lower - upper) + abs(above - below)
             most = most + pace * (differ + 0.5 * abs(upper - lower) + 0.5 * (bent * bend))
@@ -334,28 +395,20 @@ class Stage:
         leeway = steps.input("leeway")
         allowed = _at_least(steep * steps.input("share"), leeway)
         allowed = _at_most(allowed, MOST_STEEP * leeway)
-        return steps, [most, allowed, most > allowed]
+        far = most > allowed
+        (monotone,) = self._rates(steps, *self._slopes(steps, plain), 1, 2)
+        left = _at_least((2.0 * allowed - most) / allowed, steps.constant(0.0, FLOAT))
+        return only_where(far, choose(far, monotone + left * (rate - monotone), rate), rate)
 
-    def filter(self) -> tuple[Steps, list[Value]]:
-        """The rate, from inputs rate, monotone, apart and leeway (those of `apart`)."""
-        steps = Steps(expanded=True)
-        rate, monotone, apart, leeway = map(steps.input, ("rate", "monotone", "apart", "leeway"))
-        left = _at_least((2.0 * leeway - apart) / leeway, steps.constant(0.0, FLOAT))
-        return steps, [choose(apart > leeway, monotone + left * (rate - monotone), rate)]
-
-    def step(self, measured: bool) -> tuple[Steps, list[Value]]:
-        """The new value, whether it differs, whether it is not finite, and how far it has moved.
-
-        The last only if `measured`. Inputs: value, base, before, rate, lower and upper, `NUMBERS`,
-        and of each axis mean0, gap0, step0, ...
-        """
-        steps = Steps(expanded=True)
-        base, dt, weight = (steps.input(x) for x in ("base", "dt", "weight"))
+    def _step(
+        self, steps: Steps, rate: Value, means: Sequence[Value], gaps: Sequence[Value]
+    ) -> list[Value]:
+        value, dt, weight = (steps.input(x) for x in ("value", "dt", "weight"))
+        base, was = (value if self.from_start else steps.input(name) for name in ("base", "before"))
         lowest, highest = self.limits
-        r = steps.input("rate")
-        r = r if highest == math.inf else _at_most(r, steps.constant(highest, FLOAT))
+        r = rate if highest == math.inf else _at_most(rate, steps.constant(highest, FLOAT))
         r = r if lowest == -math.inf else _at_least(r, steps.constant(lowest, FLOAT))
-        new = base + weight * ((steps.input("value") - base) + dt * r)
+        new = base + weight * ((value - base) + dt * r)
         for name, bound, there in (
             ("lower", _at_least, self.lower),
             ("upper", _at_most, self.upper),
@@ -363,13 +416,12 @@ class Stage:
             if there:
                 new = bound(new, steps.input(name))
         new = _at_most(_at_least(new, steps.input("floor")), steps.input("ceiling"))
-        was = steps.input("before")
-        results = [new, new.differs(was), ~(abs(new) < INFINITE)]
-        if measured:
-            results.append(self._move(steps, new, was))
-        return steps, results
+        move = self._move(steps, new, was, means, gaps)
+        return [new, new.differs(was), ~(abs(new) < INFINITE), move]
 
-    def _move(self, steps: Steps, new: Value, was: Value) -> Value:
+    def _move(
+        self, steps: Steps, new: Value, was: Value, means: Sequence[Value], gaps: Sequence[Value]
+    ) -> Value:
         """By how much of a cell the value of a node on that side of zero has moved.
 
         Or by how much of its distance from zero, if that is more. A cell is how much the value
@@ -377,9 +429,8 @@ class Stage:
         slopes mean - gap and mean + gap on either side the smaller is ||mean| - |gap||.
         """
         cell = steps.constant(0.0, FLOAT)
-        for i in range(self.axes):
-            mean, gap, step = (steps.input(f"{x}{i}") for x in ("mean", "gap", "step"))
-            change = step * abs(abs(mean) - abs(gap))
+        for i, (mean, gap) in enumerate(zip(means, gaps, strict=True)):
+            change = steps.input(f"step{i}") * abs(abs(mean) - abs(gap))
             cell = choose(change > cell, change, cell)
         w = self.side * was
         near = choose(w > cell, w, cell)
@@ -395,250 +446,3 @@ def _at_most(value: Value, bound: Value) -> Value:
 
 def _at_least(value: Value, bound: Value) -> Value:
     return choose(value < bound, bound, value)
-
-
-PLACES = (
-    "value", "base", "before", "lower", "upper", "out", "rest", "changed", "odd", "moves", "along",
-    "of_row", "outer", "numbers",
-)  # fmt: skip
-"""The addresses that a stage asks for, in the order of `sweep.py`. Two slopes for each axis follow,
-and of a filtered scheme two plain differences for each."""
-
-PITCH = 272
-"""From a row of what depends on the last axis, or on a row of it, to the next; as in `sweep.py`."""
-
-
-def stage_text(stage: Stage) -> str:
-    """Two functions: `stage`, and `measured`, which also finds the largest move."""
-    module = Module()
-    functions = [_Text(stage, module, measured).function for measured in (False, True)]
-    return module.text(functions)
-
-
-class _Text:
-    """The function of a stage. Each of its three parts has steps and a format of its own."""
-
-    def __init__(self, stage: Stage, module: Module, measured: bool) -> None:
-        self.stage, self.module, self.measured = stage, module, measured
-        self.rates = stage.rates
-        single, algebraic = stage.rates.rate.single, stage.rates.rate.algebraic
-        self.lanes = stage.lanes
-        self.real = "float" if single else "double"
-        self.size = 4 if single else 8
-        self.own = Format(self.lanes, self.real, fused=True)
-        self.of_rate = Format(self.lanes, self.real if algebraic else "double")
-        self.entry: list[str] = []
-        self.lines: list[str] = []
-        self.label = "loop"
-        self._loaded: set[str] = set()
-        self._same: set[str] = set()
-
-    @property
-    def function(self) -> str:
-        for name in PLACES:
-            self.entry += self._address(name, PLACES.index(name))
-        for k, name in enumerate(names_of_numbers(self.stage.axes)):
-            self._uniform(name, "numbers", k, self.own)
-        sides = self._sides("", 0)
-        slopes = self._slopes(sides, "s")
-        rate = self._rate(slopes, 0, "r")
-        if self.stage.filtered:
-            rate = self._filtered(rate, sides)
-        self._step(rate, slopes)
-        name = "measured" if self.measured else "stage"
-        return "\n".join(
-            [
-                f"define void @holdfast_{name}(ptr %places, i64 %count) nounwind {{",
-                "entry:",
-                *self.entry,
-                "  br label %loop",
-                "loop:",
-                f"  %lane = phi i64 [ 0, %entry ], [ %next, %{self.label} ]",
-                *self.lines,
-                f"  %next = add nuw nsw i64 %lane, {self.lanes}",
-                "  %more = icmp ult i64 %next, %count",
-                "  br i1 %more, label %loop, label %done",
-                "done:",
-                "  ret void",
-                "}",
-            ]
-        )
-
-    def _sides(self, kind: str, place: int) -> dict[str, str]:
-        """Of each axis the slopes at both sides of a node, or what else is there of this kind; they
-        follow so many others."""
-        loaded = {}
-        for i in range(self.stage.axes):
-            for k, name in enumerate((f"{kind}below{i}", f"{kind}above{i}")):
-                self.entry += self._address(name, len(PLACES) + place + 2 * i + k)
-                loaded[name] = self._load(name)
-        return loaded
-
-    def _slopes(self, sides: dict[str, str], letter: str) -> list[str]:
-        """The names of means, then of gaps."""
-        inputs = {f"half{i}": f"%half{i}" for i in range(self.stage.axes)} | sides
-        if self.stage.one_slope:
-            inputs["value"] = self._load("value")
-        return self._printed(*self.stage.slopes(), self.own, inputs, letter)
-
-    def _rate(self, slopes: Sequence[str], result: int, letter: str) -> str:
-        """One of the two results of the leaf of the rate."""
-        rate, along, of_row = self.rates.rate, self.rates.along, self.rates.of_row
-        wanted = rate.results[result]
-        needed = {rate.steps.list[k].given for k in rate.steps.needed([wanted.number])}
-        inputs = {}
-        for k, name in enumerate(rate.arguments["w"]):
-            if name not in needed:
-                continue
-            if k < along:
-                register = self._load("along", k)
-            elif k < along + of_row:
-                register = self._load("of_row", k - along)
-            else:
-                register = slopes[k - along - of_row]
-            inputs[name] = self._converted(register, self.own, self.of_rate, f"{letter}w{k}")
-        for k, name in enumerate(rate.arguments["u"]):
-            if name in needed:
-                self._uniform(name, "outer", k, self.of_rate)
-                inputs[name] = f"%{name}"
-        (register,) = self._printed(rate.steps, [wanted], self.of_rate, inputs, letter)
-        return self._converted(register, self.of_rate, self.own, f"{letter}rate")
-
-    def _filtered(self, rate: str, sides: dict[str, str]) -> str:
-        """The rate within the leeway of the monotone one, which is computed where a lane needs it.
-
-        A lane that does not need it has the rate of the scheme whether it is computed or not.
-        """
-        n, stage, truth, of = self.stage.axes, self.stage, self.own.vector(TRUTH), self.own
-        plain = self._sides("plain_", 2 * n)
-        inputs = sides | plain | {x: f"%{x}" for x in ("leeway", "share", "bent")}
-        for i in range(n):
-            inputs[f"half{i}"] = f"%half{i}"
-            inputs[f"speed{i}"] = self._rate([], 2 + i, f"t{i}")
-        apart, leeway, far = self._printed(*stage.apart(), self.own, inputs, "d")
-        reduce = f"@llvm.vector.reduce.or.v{self.lanes}i1"
-        self.module.intrinsics.add(f"declare i1 {reduce}({truth})")
-        before, loaded = self.label, set(self._loaded)
-        self.lines += [
-            f"  %any.far = call i1 {reduce}({truth} {far})",
-            "  br i1 %any.far, label %far, label %near",
-            "far:",
-        ]
-        self.label = "far"
-        slopes = self._slopes({k.removeprefix("plain_"): v for k, v in plain.items()}, "p")
-        monotone = self._rate(slopes, 1, "q")
-        inputs = {"rate": rate, "monotone": monotone, "apart": apart, "leeway": leeway}
-        (filtered,) = self._printed(*stage.filter(), self.own, inputs, "f")
-        vector = of.vector(FLOAT)
-        self.lines += [
-            "  br label %near",
-            "near:",
-            f"  %filtered = phi {vector} [ {rate}, %{before} ], [ {filtered}, %{self.label} ]",
-        ]
-        self.label, self._loaded = "near", loaded
-        return "%filtered"
-
-    def _step(self, rate: str, slopes: Sequence[str]) -> None:
-        n, stage = self.stage.axes, self.stage
-        inputs = {name: f"%{name}" for name in NUMBERS} | {"rate": rate}
-        inputs["value"] = value = self._load("value")
-        for name in ("base", "before"):
-            inputs[name] = value if stage.from_start else self._load(name)
-        for name, there in (("lower", stage.lower), ("upper", stage.upper)):
-            if there:
-                inputs[name] = self._load(name)
-        for i in range(n):
-            inputs |= {f"mean{i}": slopes[i], f"gap{i}": slopes[n + i], f"step{i}": f"%step{i}"}
-        outputs = self._printed(*stage.step(self.measured), self.own, inputs, "n")
-        self._store(outputs[0])
-        for name, truths in zip(("changed", "odd"), outputs[1:3], strict=True):
-            self._store_truths(name, truths)
-        if self.measured:
-            self._keep_largest(outputs[3])
-
-    def _printed(
-        self, steps: Steps, results: Sequence[Value], form: Format, inputs: dict[str, str], of: str
-    ) -> list[str]:
-        body = Body(self.module, steps, results, form, inputs, of, label=self.label)
-        self.lines += body.lines
-        self.label = body.label
-        return [body.names[v.number] for v in results]
-
-    def _converted(self, name: str, form: Format, to: Format, new: str) -> str:
-        if form.real == to.real:
-            return name
-        cast = "fpext" if to.real == "double" else "fptrunc"
-        of, into = form.vector(FLOAT), to.vector(FLOAT)
-        self.lines.append(f"  %{new}.c = {cast} {of} {name} to {into}")
-        return f"%{new}.c"
-
-    def _address(self, name: str, place: int) -> Iterator[str]:
-        yield f"  %{name}.p = getelementptr i64, ptr %places, i64 {place}"
-        yield f"  %{name}.a = load ptr, ptr %{name}.p, align 8"
-
-    def _uniform(self, name: str, array: str, row: int, form: Format) -> None:
-        """A number that is the same at all nodes; all of these are in double precision."""
-        if name in self._same:
-            return
-        self._same.add(name)
-        value = f"%{name}.d"
-        self.entry += [
-            f"  %{name}.q = getelementptr double, ptr %{array}.a, i64 {row}",
-            f"  {value} = load double, ptr %{name}.q, align 8",
-        ]
-        if form.real == "float":
-            self.entry.append(f"  %{name}.f = fptrunc double {value} to float")
-            value = f"%{name}.f"
-        self.entry += repeated(form, f"%{name}", value)
-
-    def _load(self, array: str, row: int = 0) -> str:
-        """The values of a row at the present lanes."""
-        name = f"%{array}.{row}"
-        if name not in self._loaded:
-            self._loaded.add(name)
-            self.lines += [
-                f"  {name}.l = getelementptr {self.real}, ptr %{array}.a, i64 %lane",
-                f"  {name}.r = getelementptr {self.real}, ptr {name}.l, i64 {row * PITCH}",
-                f"  {name} = load {self.own.vector(FLOAT)}, ptr {name}.r, align {self.size}",
-            ]
-        return name
-
-    def _store(self, name: str) -> None:
-        """Whole lanes where they belong, the rest apart: what follows in memory is not of the run.
-
-        All lanes have been read before.
-        """
-        self.lines += [
-            f"  %to.l = getelementptr {self.real}, ptr %out.a, i64 %lane",
-            "  %left = sub i64 %count, %lane",
-            f"  %whole = icmp uge i64 %left, {self.lanes}",
-            "  %to = select i1 %whole, ptr %to.l, ptr %rest.a",
-            f"  store {self.own.vector(FLOAT)} {name}, ptr %to, align {self.size}",
-        ]
-
-    def _store_truths(self, array: str, name: str) -> None:
-        """One bit for each node."""
-        whole = f"i{self.lanes}"
-        self.lines += [
-            f"  %{array}.b = bitcast {self.own.vector(TRUTH)} {name} to {whole}",
-            f"  %{array}.k = lshr i64 %lane, 3",
-            f"  %{array}.l = getelementptr i8, ptr %{array}.a, i64 %{array}.k",
-            f"  store {whole} %{array}.b, ptr %{array}.l, align 1",
-        ]
-
-    def _keep_largest(self, name: str) -> None:
-        """Of the nodes of the run, in each lane."""
-        of, truth = self.own.vector(FLOAT), self.own.vector(TRUTH)
-        whole = f"<{self.lanes} x i64>"
-        lanes = ", ".join(f"i64 {k}" for k in range(self.lanes))
-        self.lines += [
-            f"  %left.i = insertelement {whole} poison, i64 %left, i32 0",
-            f"  %left.s = shufflevector {whole} %left.i, {whole} poison, "
-            f"<{self.lanes} x i32> zeroinitializer",
-            f"  %inside = icmp ult {whole} <{lanes}>, %left.s",
-            f"  %moved = select {truth} %inside, {of} {name}, {of} zeroinitializer",
-            f"  %largest = load {of}, ptr %moves.a, align {self.size}",
-            f"  %more.moved = fcmp ogt {of} %moved, %largest",
-            f"  %largest.n = select {truth} %more.moved, {of} %moved, {of} %largest",
-            f"  store {of} %largest.n, ptr %moves.a, align {self.size}",
-        ]

@@ -23,7 +23,7 @@ EXTRAPOLATED, PERIODIC, LIMITED = range(3)
 RUN = 256  # nodes computed together, at most; a multiple of VECTOR
 KEPT = 16384  # nodes of a place whose slopes are kept for the next, at most
 VECTOR = 16  # nodes that a leaf in single precision computes at a time
-PITCH = RUN + VECTOR  # a run, and what more of it a register takes; as in `stage_leaf.py`
+PITCH = RUN + VECTOR  # a run, and what more of it a register takes: from a row to the next
 
 # Places of the addresses that a stage asks for, as in `stage_leaf.py`; two for each axis follow.
 VALUE, BASE, BEFORE, LOWER, UPPER, OUT, REST = range(7)
@@ -84,18 +84,33 @@ def fetch(
         target[to + j] = beyond(values[at_edge + j], values[inside + j], distance, fall, lowest)
 
 
-def ghost(
-    values: Values, first: int, there: int, nodes: int, kind: int, falls: Floats, n: int
-) -> Value:
-    """The value at a place beyond the ends of a row of the last axis that is at `first`."""
-    place = place_of(there, nodes, kind)
-    if 0 <= place < nodes:
-        return values[first + place]
+def value_at(
+    values: Values, here: int, place: int, there: int, nodes: int, stride: int, kind: int,
+    falls: Floats, n: int,
+) -> Value:  # fmt: skip
+    """The value at the place `there` of an axis, from the node at `place`, which is at `here`."""
+    there = place_of(there, nodes, kind)
+    if 0 <= there < nodes:
+        return values[here + (there - place) * stride]
     edge = 0 if there < 0 else nodes - 1
     inner = 1 if there < 0 else nodes - 2
     distance, end = float(abs(there - edge)), 0 if there < 0 else n
     fall, lowest = falls[end], falls[end + 2 * n]
-    return beyond(values[first + edge], values[first + inner], distance, fall, lowest)
+    at_edge, inside = here + (edge - place) * stride, here + (inner - place) * stride
+    return beyond(values[at_edge], values[inside], distance, fall, lowest)
+
+
+def mark_place(
+    marks: Flags, unit: int, several: int, place: int, there: int, nodes: int, stride: int,
+    kind: int,
+):  # fmt: skip
+    """The units at the place `there` of an outer axis; several from `unit` on are at `place`."""
+    if kind == PERIODIC:
+        there = (there + nodes) % nodes
+    if 0 <= there < nodes:
+        of = unit + (there - place) * stride
+        for j in range(several):
+            marks[of + j] = 1
 
 
 def mark(
@@ -104,28 +119,36 @@ def mark(
 ):  # fmt: skip
     """The units within reach of several along an outer axis have to be computed again."""
     for k in range(-ghosts, ghosts + 1):
-        there = place + k
-        if kind == PERIODIC:
-            there = (there + nodes) % nodes
-        if 0 <= there < nodes:
-            of = unit + (there - place) * stride
-            for j in range(several):
-                marks[of + j] = 1
+        mark_place(marks, unit, several, place, place + k, nodes, stride, kind)
+
+
+def mark_row(
+    marks: Flags, unit: int, there: int, rows_of: int, many: int, stretches: int, kind: int
+):
+    """The group of rows that a row belongs to; that of the first row is `unit`."""
+    if kind == PERIODIC:
+        there = (there + rows_of) % rows_of
+    if 0 <= there < rows_of:
+        marks[unit + there // many * stretches] = 1
 
 
 def mark_rows(
     marks: Flags, unit: int, row: int, tall: int, rows_of: int, many: int,
     stretches: int, kind: int, ghosts: int,
 ):  # fmt: skip
-    """The same for the groups of rows that those within reach belong to."""
-    last = -1  # marked already
+    """The same for all rows within reach."""
     for k in range(row - ghosts, row + tall + ghosts):
-        there = k
-        if kind == PERIODIC:
-            there = (there + rows_of) % rows_of
-        if 0 <= there < rows_of and there // many != last:
-            last = there // many
-            marks[unit + last * stretches] = 1
+        mark_row(marks, unit, k, rows_of, many, stretches, kind)
+
+
+def reflected(place: int, n: int, shape: Wholes, places: Wholes, pitch: int) -> int:
+    """The place that one on a grid of `n` axes reflects."""
+    rest, other, stride = place, 0, 1
+    for i in range(n - 1, -1, -1):
+        other += places[i * pitch + rest % shape[i]] * stride
+        rest = rest // shape[i]
+        stride *= shape[i]
+    return other
 
 
 def mirror(
@@ -153,11 +176,7 @@ def mirror(
             row = k // inner // many * there * inner + k % inner
             if of_row:
                 row += chosen[k // inner % many] * inner
-            rest, other, stride = row, 0, 1
-            for i in range(n - 2, -1, -1):
-                other += places[i * pitch + rest % shape[i]] * stride
-                rest = rest // shape[i]
-                stride *= shape[i]
+            other = reflected(row, n - 1, shape, places, pitch)
             for j in range(nodes if of_row else many_chosen):
                 place = j if of_row else chosen[j]
                 from_ = places[(n - 1) * pitch + place]

@@ -46,12 +46,12 @@ class Scheme:
         the plain difference if it is wanted."""
         assert self.slopes is not None
         single = precision == "float32"
-        steps = Steps(expanded=True, single=single)
+        steps = Steps(expanded=True, single=single, fused=True)
         nodes = [steps.input(f"n{i}") for i in range(2 * self.ghosts)]
         differences = [b - a for a, b in pairwise(nodes)]
         results = [*self.slopes(*differences), *differences[self.ghosts - 1 :][: int(plain)]]
         arguments = {f"n{i}": [f"n{i}"] for i in range(MOST_NODES)}
-        return Leaf(steps, arguments, results, single=single, algebraic=True, fused=True)
+        return Leaf(steps, arguments, results, single=single, algebraic=True)
 
 
 EXPONENT, OF_INVERSE = 0x7FF << 52, 0x7FE << 52
