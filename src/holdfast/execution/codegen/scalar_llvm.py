@@ -61,6 +61,9 @@ class LeafCalls(NamedTuple):
     direct: bool = False
 
 
+NO_LEAVES = LeafCalls()
+
+
 class Instructions:
     """Those of a function, in order. Variables are on the stack; LLVM's passes take registers.
 
@@ -353,7 +356,7 @@ def scalars_text(
     *,
     single: bool = False,
     fused: bool = False,
-    leaves: LeafCalls = LeafCalls(),
+    leaves: LeafCalls = NO_LEAVES,
 ) -> str:
     """The text of a module of these functions and of those that they call.
 

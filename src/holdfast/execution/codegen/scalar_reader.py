@@ -107,7 +107,8 @@ MACHINE: Mapping[str, str] = {
 }  # fmt: skip
 """What has a meaning in machine code alone, and the kind of the result.
 
-table_at(k), values_at(k), floats_at(k): the array at an address. address(a, k): of an entry. call(k, ...): the
+table_at(k), values_at(k), floats_at(k): the array at an address. address(a, k): that of an entry.
+call(k, ...): the
 machine code at an address, with whole numbers. copy(a, i, count, b, j): count entries of a from i
 on to b from j on. take(a), look(a): a[0] by an atomic operation; `take` increments it.
 any_lane(a, i, count): whether one of count entries from i on, a constant number, is not 0.
@@ -292,8 +293,9 @@ class _Fixing(ast.NodeTransformer):
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         self.generic_visit(node)
         values = self.fixed.get(ast.unparse(node.value))
-        if isinstance(values, tuple) and isinstance(node.slice, ast.Constant):
-            return _constant(node, values[node.slice.value])
+        place = constant(node.slice, {})
+        if isinstance(values, tuple) and place is not None:
+            return _constant(node, values[int(place)])
         return node
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
@@ -338,8 +340,10 @@ class _Fixing(ast.NodeTransformer):
 
     def visit_For(self, node: ast.For) -> list[ast.stmt]:
         match node:
-            case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="each"))):
-                bounds = [constant(self.visit(b), {}) for b in node.iter.args]
+            case ast.For(
+                target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="each"), args=turns)
+            ):
+                bounds = [constant(self.visit(b), {}) for b in turns]
                 if None in bounds:
                     raise SyntaxError(f"the turns are not fixed: {ast.unparse(node.iter)}")
                 written = []
@@ -369,7 +373,7 @@ class _Fixing(ast.NodeTransformer):
                 ordered = [places.pop(a, zero) for a in LEAF_PLACES]
                 if places:
                     raise SyntaxError(f"no places of a leaf: {', '.join(map(str, places))}")
-                node.args, node.keywords = [_constant(node, f"{name}{of}"), *ordered], []
+                node.args, node.keywords = [_constant(node, f"{name!s}{of}"), *ordered], []
         return node
 
     def _all(self, statements: Iterable[ast.stmt]) -> list[ast.stmt]:

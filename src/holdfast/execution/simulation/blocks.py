@@ -295,7 +295,8 @@ def _fetching(
 
 
 NOTES = {
-    "outcome": "outcome", "goal_time": "inside_since", "exit_time": "exit_time", "exit_constraint": "exit_constraint", "switches": "switches",
+    "outcome": "outcome", "goal_time": "inside_since", "exit_time": "exit_time",
+    "exit_constraint": "exit_constraint", "switches": "switches",
     "shortest_dwell": "shortest", "overruled": "overrules", "infeasible": "infeasible",
     "largest_slack": "largest_slack", "rejected": "rejected", "off_grid": "off_at",
 }  # fmt: skip

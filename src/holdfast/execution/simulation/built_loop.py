@@ -1,4 +1,4 @@
-"""The loop of a program: the text `loop.py`, read for it, and the leaves that are the loop's own."""
+"""The loop of a program: the text `loop.py` read for it, and leaves that are the loop's own."""
 
 from __future__ import annotations
 
@@ -97,6 +97,7 @@ def read_for(shape: Shape, layout: Layout, kind: Kind, *, stoppable: bool = True
         "shared": (counts["seen"] - shape.shared) * width,
         "answered": at["answer" if blended else "command"],
         "produced": at["actuation"] + 2 * shape.limited * width,
+        "wander": at["plant"] + (shape.numbers - 1 - shape.wandering) * width,
         "table": layout.tables[0], "other_table": layout.tables[1],
         **{f"{name}_prepared": at[name] + (counts[name] - shape.prepared) * width
            for name in ("plant", "gains")},

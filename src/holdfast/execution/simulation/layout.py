@@ -53,6 +53,7 @@ class Shape(NamedTuple):
     numbers: int
     prepared: int
     measured: int
+    wandering: int
     bounded: int
     handed: int
     remembered: int
@@ -83,6 +84,7 @@ def shape_of(program: ClosedLoopProgram, width: int = WIDTH) -> Shape:
         numbers=len(program.parameters) + len(program.given) + 1,
         prepared=program.prepared,
         measured=program.measured,
+        wandering=program.wandering,
         bounded=program.bounded,
         handed=len(program.handed),
         remembered=len(program.remembered),
@@ -137,6 +139,8 @@ class Layout:
             "input": (first + limited * self.width, m), "actuator": (first, actuators),
             "mode": (at["mode"], 1), "signal": (at["signals"], shape.signals),
             "constraint": (at["c0"], shape.constraints),
+            "wander": (at["plant"] + (shape.numbers - 1 - shape.wandering) * self.width,
+                       shape.wandering),
         }  # fmt: skip
         if shape.safeguarded:
             places |= {

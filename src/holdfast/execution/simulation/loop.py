@@ -1,7 +1,7 @@
-"""The simulation loop of a closed loop: which leaves it calls on a block of runs, and when.
+"""The simulation loop of a closed loop: what it calls on a block of runs, and when.
 
-A text in the part of Python that `codegen/scalar_reader.py` reads; LLVM, WebAssembly and C++ have it
-from there. `shape`, `kind`, `at` and `names` are what `built_loop.py` knows of a program: branches
+A text in the part of Python that `codegen/scalar_reader.py` reads; LLVM, WebAssembly and C++ have
+it from there. `shape`, `kind`, `at`, `names` are what `built_loop.py` knows of a program: branches
 that depend on them alone are taken when the text is read, and what is done for each of a fixed
 number is written out. Functions that a block is handed to from outside are
 
@@ -23,7 +23,7 @@ value of a lane depends on another lane. Guards of modes are tried in order, and
 constraints are looked at more closely inside a step for their peaks and crossings.
 """
 
-# ruff: noqa: F821
+# ruff: noqa: B007, F821
 # mypy: ignore-errors
 
 from __future__ import annotations
@@ -125,11 +125,10 @@ def turn(w: Floats, s: Wholes, leaves: Wholes):
         leaf("where", t=at.length, q=at.since, x=at.time_in_mode, out=at.in_modes)
     if shape.turns:
         for k in each(shape.modes):
-            if shape.guarded[k]:
-                if any_lane(w, at.in_modes + k * shape.width, shape.width):
-                    leaf("guards", k, t=at.time, q=at.seen, x=at.time_in_mode, p=at.gains,
-                         out=at.levels)  # fmt: skip
-                    leaf("turn", k, t=at.mode, q=at.levels, x=at.next_mode, out=at.next_mode)
+            if shape.guarded[k] and any_lane(w, at.in_modes + k * shape.width, shape.width):
+                leaf("guards", k, t=at.time, q=at.seen, x=at.time_in_mode, p=at.gains,
+                     out=at.levels)  # fmt: skip
+                leaf("turn", k, t=at.mode, q=at.levels, x=at.next_mode, out=at.next_mode)
         leaf("changed", t=at.length, q=at.since, x=at.time_in_mode, out=at.changed)
         late(w, s, FORGOTTEN, at.changed, at.forgotten, 1)
         leaf("switch", t=at.length, q=at.since, x=at.time_in_mode, out=at.since)
@@ -225,7 +224,7 @@ def between(w: Floats, leaves: Wholes):
 
 
 def look_at_one(w: Floats, leaves: Wholes, j: int):
-    """The largest value of a constraint inside the step, and when it first exceeds the tolerance."""
+    """The largest c_j inside the step, and when it first exceeds the tolerance."""
     inside, worst, rises = at.inside + j, at.worst + j, at.rises + j
     leaf("open", t=at.length, q=at.number, x=at.c1 + j, out=at.number)
     if any_lane(w, rises, shape.width):
@@ -277,9 +276,8 @@ def advance(w: Floats, s: Wholes, leaves: Wholes, stop: Wholes):
     if shape.constraints:
         leaf("constraint_rates", t=at.time, q=at.q, x=at.stages, p=at.plant, out=at.d0)
     while any_lane(w, at.active, shape.width):
-        if kind.stoppable:
-            if look(stop) != 0:
-                break
+        if kind.stoppable and look(stop) != 0:
+            break
         if not shape.both_ends:
             field(w, s, leaves, at.then, at.q, at.stages)
         if shape.adaptive:
@@ -301,6 +299,9 @@ def advance(w: Floats, s: Wholes, leaves: Wholes, stop: Wholes):
         else:
             leaf("move", t=at.length, q=at.q, x=at.new, out=at.q)
         leaf("tick", t=at.length, out=at.elapsed)
+    if shape.wandering:
+        copy(w, at.sample, shape.width, w, at.draw)
+        leaf("wander", t=at.run, x=at.wander, p=at.plant, out=at.wander)
 
 
 # -- what is called from outside
