@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from holdfast.execution.device.program import COMPILERS
+
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "extending.md").read_text("utf-8")
 
@@ -25,6 +27,20 @@ def slopes(a, b, c):
 
 SCHEME = Scheme("plain", ghosts=2, order=1, slopes=slopes)
 '''
+
+GUSTS = '''class gusts(Process):
+    """A Gauss-Markov process with the deviation s and the correlation time T [s]."""
+
+    nargs = 2
+
+    def following(self, value, h, normal):
+        s, T = self.args
+        stays = sp.exp(-h / T)
+        return stays * value + s * sp.sqrt(1 - stays**2) * normal
+
+
+@checked
+def wiener_process'''
 
 KIND = '''"""A kind of scenario that counts the starts of a list: its tables, its answer, its files."""
 
@@ -254,6 +270,21 @@ ADDED = {
     },
     "a set of bounds": {"maths/definitions/sets/ellipse.py": SET},
     "a vehicle, of any system": {"vehicles/van.toml": VEHICLE},
+    "an outcome of a run": {
+        "execution/simulation/outcomes.py": (
+            '    OFF_GRID = 5, "left grid"\n',
+            '    OFF_GRID = 5, "left grid"\n    HASTY = 6, "was hasty"\n',
+        ),
+        "execution/simulation/loop.py": (
+            "        if w[at.outcome + lane] == Outcome.DIVERGED:\n",
+            "        if w[at.peaks + lane] > 50.0:\n"
+            "            w[at.outcome + lane] = Outcome.HASTY\n"
+            "        if w[at.outcome + lane] == Outcome.DIVERGED:\n",
+        ),
+    },
+    "a stochastic disturbance": {
+        "maths/expressions/functions.py": ("@checked\ndef wiener_process", GUSTS),
+    },
     "a command": {"commands/count_words.py": COMMAND},
     "a figure": {"presentation/figures/bars.py": FIGURE, "scenario/kinds/count.py": KIND},
     "a constraint on an input or an acceleration": {
@@ -316,6 +347,24 @@ start = [[0.0] * 8]
 for name, law in (("free", push), ("filtered", hf.safeguard(vehicle, push, hf.regions.gentle(), gains=(2.0, 8.0)))):
     run = hf.simulate(vehicle, law, starts=start, horizon=0.5, region=gentle).dataset["state"]
     said[name] = float(run.sel(state_name="tau_u").max()) / 5.4
+
+# an outcome, and a process that has forgotten its start after a while
+swift = craft(hf.Box((-99, -99), (99, 99)))
+rush = hf.Law("rush", plane, {"u": 60 * u**0, "w": 0 * w})
+said["hasty"] = [
+    hf.simulate(swift, rush, starts=[[0.0, 0.0]], horizon=1.0, device=device).outcomes
+    for device in sys.argv[1:]
+]
+d = hf.symbol("d")
+blown = hf.System(
+    "blown", plane, inputs, {"x": u, "y": w + d}, input_bounds=hf.Box((-1, -1), (1, 1)),
+    disturbances=(hf.Quantity("d", "m/s"),),
+)
+still = hf.Law("still", plane, {"u": 0 * u, "w": 0 * w})
+wind = {"d": hf.parse_expression("gusts(0.2, 0.5)", {})}
+run = hf.simulate(blown, still, starts=np.zeros((500, 2)), horizon=20.0, disturbance=wind).dataset
+felt = run["disturbance"].values[:, :, 0]
+said["gusts"] = [float(felt[:, -1].std()), float((felt[:, 150] * felt[:, 200]).mean() / 0.04)]
 print(json.dumps(said))
 """
 
@@ -357,7 +406,8 @@ def test_page_names_as_many_files_as_it_takes(row):
 
 
 def test_scheme_set_vehicle_and_constraint_are_used(package):
-    done = called(package, "-c", USED)
+    devices = ["cpu", *(["c++"] if any(map(shutil.which, COMPILERS)) else [])]
+    done = called(package, "-c", USED, *devices)
     assert done.returncode == 0, done.stderr[-2000:]
     said = json.loads(done.stdout.splitlines()[-1])
     assert said["scheme"] < 1e-12  # first differences are upwind ones
@@ -370,6 +420,10 @@ def test_scheme_set_vehicle_and_constraint_are_used(package):
     assert len(said["gentle"]) == 6
     assert said["free"] == pytest.approx(4.5 / 5.4, rel=0.01)
     assert 0.3 < said["filtered"] <= 0.5
+    assert [counts["was hasty"] for counts in said["hasty"]] == [1] * len(devices)
+    deviation, remembered = said["gusts"]
+    assert deviation == pytest.approx(0.2, rel=0.1)
+    assert abs(remembered) < 0.15  # after ten times the time of its memory
 
 
 def test_system_and_experiment_are_used(package):

@@ -133,6 +133,7 @@ from .maths.definitions.system import Measurement as Measurement
 from .maths.definitions.system import PfaffianRow as PfaffianRow
 from .maths.definitions.system import System as System
 from .maths.definitions.variation import Varied as Varied
+from .maths.expressions.functions import wiener_process as wiener_process
 from .maths.expressions.parser import parse_condition as parse_condition
 from .maths.expressions.parser import parse_expression as parse_expression
 from .maths.games.hamiltonian import Hamiltonian as Hamiltonian

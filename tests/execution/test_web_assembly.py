@@ -41,21 +41,27 @@ class Instance:
         return self.exports[name](self.store, *arguments)
 
 
-@pytest.mark.parametrize("name", ["ch2-unicycle", "inspection"])
+@pytest.mark.parametrize("name", ["ch2-unicycle", "inspection", "a current that wanders"])
 def test_two_runs_have_the_bits_of_simulate(name):
-    scenario = hf.load_scenario(name, ["run.horizon=6"], 2)
+    changes = ["run.horizon=6"]
+    if name == "a current that wanders":
+        name, changes = "inspection", [*changes, "disturbance.Vx=0.1 + wiener(0.02)"]
+    scenario = hf.load_scenario(name, changes, 2)
     settings = Settings(
         **{k: v for k, v in scenario.settings.items() if k in Settings.__dataclass_fields__}
     )
     loop = web_loop(
-        scenario.system, scenario.law, settings, region=scenario.region, goal=scenario.goal
-    )
+        scenario.system, scenario.law, settings, region=scenario.region, goal=scenario.goal,
+        disturbance=scenario.disturbance if changes[1:] else None,
+    )  # fmt: skip
     found = scenario.run().arrays["state"].values
     one, at = Instance(loop.exact), loop.layout.at
     w, s = STACK // 8, STACK // 8 + len(loop.numbers) + loop.records * loop.layout.record * LANES
     one.f[w : w + len(loop.numbers)] = loop.numbers
     one.i[s : s + len(loop.whole)] = loop.whole
-    one.i[s] = len(loop.numbers)
+    said = loop.described()
+    one.i[s + said["entry_of_log_at"]] = 8 * (w + said["log"])
+    one.i[s + said["entry_of_rings_at"]] = 8 * (w + said["rings"])
     values = [
         *(p.value for p in loop.program.parameters),
         *loop.program.given,
@@ -68,7 +74,10 @@ def test_two_runs_have_the_bits_of_simulate(name):
         one.f[w + at["q"] + row * LANES :][:LANES] = found[:, 0, row]
     one.f[w + at["alive"] :][:LANES] = 1.0
     stop = s + len(loop.whole)
-    one.i[s + loop.described()["entry_of_records"]] = loop.records - 1
+    for number, half in zip(("seed_low", "seed_high"), (settings.seed, 0), strict=True):
+        one.f[w + at[number] :][:LANES] = half
+    one.f[w + at["run"] :][:LANES] = range(LANES)
+    one.i[s + said["entry_of_records"]] = loop.records - 1
     for function in ("begin", "advance", "finish"):
         one.call(f"holdfast_{function}", 8 * w, 8 * s, 0, 8 * stop)
     log = one.f[w + len(loop.numbers) :][: loop.records * loop.layout.record * LANES]

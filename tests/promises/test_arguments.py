@@ -317,6 +317,7 @@ FUNCTIONS = {
         "executor": here(),
     },
     "symbol": lambda: {"name": "x"},
+    "wiener_process": lambda: {"intensity": 0.1},
     "identify": lambda: {
         "system": boat(), "log": short_log(), "held_out": None, "estimate": ["drag"], "hold": ["mass"], "outputs": None,
         "unexplained_rates": ["u"], "level": 0.95, "window": None, "widen": 1.5,

@@ -22,11 +22,10 @@ import llvmlite.binding as llvm
 
 from holdfast.errors import HoldfastError
 from holdfast.execution.codegen.llvm_text import Leaf, leaves_text
-from holdfast.execution.codegen.loop_text import LEAF
-from holdfast.execution.codegen.scalar_llvm import scalars_text
+from holdfast.execution.codegen.scalar_llvm import LEAF, scalars_text
 from holdfast.execution.codegen.scalar_reader import scalars
 from holdfast.execution.leaf import optimise
-from holdfast.execution.simulation.loop import SINGLE, Loop
+from holdfast.execution.simulation.built_loop import SINGLE, Loop
 
 LANES = 2
 """Values of a step that are computed together: one register of WebAssembly."""

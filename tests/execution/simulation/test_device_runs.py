@@ -29,10 +29,11 @@ def differing(name, runs, changes=()):
         ("ch7-rescue", 6, []),
         ("seen-guarded", 5, []),
         ("ch2-unicycle", 5, ["run.delay=0.1", "run.horizon=10"]),
+        ("inspection", 3, ["run.horizon=4", "disturbance.Vy=wiener(0.05)"]),
     ],
 )
 def test_runs_have_the_bits_of_the_processor(name, runs, changes):
-    """Modes, a safeguard, noise that is held, tables, a delay."""
+    """Modes, a safeguard, noise that is held, tables, a delay, a Wiener process."""
     unlike, count = differing(name, runs, changes)
     assert unlike == []
     assert count > 20

@@ -65,17 +65,9 @@ class Result:
     def outcomes(self) -> dict[str, int]:
         """The number of runs with each outcome, by its label."""
         counts = np.bincount(self.arrays["outcome"].values, minlength=len(Outcome))
-        return {
-            o.label: int(counts[o])
-            for o in (
-                Outcome.REACHED,
-                Outcome.STAYED,
-                Outcome.CHATTERED,
-                Outcome.OFF_GRID,
-                Outcome.LEFT,
-                Outcome.DIVERGED,
-            )
-        }
+        first = (Outcome.REACHED, Outcome.STAYED, Outcome.CHATTERED, Outcome.OFF_GRID)
+        order = (*first, *(o for o in Outcome if o not in first))
+        return {o.label: int(counts[o]) for o in order}
 
     @property
     def viable(self) -> int:

@@ -388,10 +388,13 @@ def felt_along(
         states = trajectories.state[part]
         p = np.tile(numbers, (len(states), 1))
         p[:, columns] = trajectories.varied[part]
+        p = np.repeat(p, times, axis=0)
+        if program.wandering:  # the last numbers before the sample time
+            p[:, -1 - program.wandering : -1] = np.nan_to_num(
+                trajectories.wander[part].reshape(len(p), -1)
+            )
         values = loop.disturbances(
-            np.tile(trajectories.time, len(states)),
-            states.reshape(len(states) * times, -1),
-            np.repeat(p, times, axis=0),
+            np.tile(trajectories.time, len(states)), states.reshape(len(states) * times, -1), p
         )
         values[np.isnan(states).any(axis=2).reshape(-1)] = np.nan  # after the end of a run
         felt[part] = values.reshape(len(states), times, -1)

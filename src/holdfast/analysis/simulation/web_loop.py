@@ -11,11 +11,19 @@ import sympy as sp
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.codegen.loop_text import RING
 from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.simulation.blocks import BlockNumbers, Whole
-from holdfast.execution.simulation.layout import LATE, RECORDS, Layout, shape_of
-from holdfast.execution.simulation.loop import Kind, built
+from holdfast.execution.simulation.built_loop import Kind, built
+from holdfast.execution.simulation.layout import (
+    LATE,
+    LOG_AT,
+    RECORDS,
+    RING,
+    RINGS_AT,
+    Layout,
+    shape_of,
+)
+from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.execution.table_in_parts import in_memory
@@ -70,11 +78,15 @@ class WebLoop:
             "record": records,
             "record_rows": layout.record,
             "log": len(self.numbers),
+            "rings": layout.size,
+            "entry_of_log_at": LOG_AT,
+            "entry_of_rings_at": RINGS_AT,
             "records": self.records,
             "late": RING + 3 * LATE,
             "latest": self.latest,
             "entry_of_records": RECORDS,
             "tables": list(layout.tables) if self.table is not None else [],
+            "outcomes": [outcome.name for outcome in Outcome],
             "parameters": [p.name for p in program.parameters],
             "varied": [*program.varied.names, *program.varied.plant],
             "varied_known": len(program.varied.names),

@@ -102,6 +102,18 @@ _HELPERS = {
     "min_value": "hf_real hf_min_value(hf_real a, hf_real b) {\n    return b < a ? b : a;\n}",
     "max_value": "hf_real hf_max_value(hf_real a, hf_real b) {\n    return b > a ? b : a;\n}",
     "abs_whole": "long hf_abs_whole(long a) {\n    return a < 0 ? -a : a;\n}",
+    "copy": (
+        "void hf_copy(const double *a, long i, long count, double *b, long j) {\n"
+        "    for (long k = 0; k < count; k++) b[j + k] = a[i + k];\n}"
+    ),
+    "any_lane": (
+        "int hf_any_lane(const double *a, long i, long count) {\n"
+        "    for (long k = 0; k < count; k++)\n"
+        "        if (a[i + k] != 0.0) return 1;\n"
+        "    return 0;\n}"
+    ),
+    "address": "long hf_address(const double *a, long k) {\n    return (long)(a + k);\n}",
+    "floats_at": "double *hf_floats_at(long address) {\n    return (double *)address;\n}",
 }
 """As Python has them: `min` and `max` give the first, unless the second is beyond it."""
 
@@ -305,6 +317,12 @@ class _Printer:
         return f"fma({one}, {two}, {rest})"
 
     def _called(self, name: str, arguments: Sequence[ast.expr]) -> tuple[str, int]:
+        if name == "leaf":
+            places = ", ".join(f"w + {self._text(a, 5)}" for a in arguments[1:])
+            return f"leaf_{ast.literal_eval(arguments[0])}({places})", _ATOM
+        if name == "part":
+            passed = ", ".join(self._text(a) for a in arguments[1:])
+            return f"hf_{ast.literal_eval(arguments[0])}({passed})", _ATOM
         if name in ("min", "max", "abs"):
             kind = common({self.function.kinds[a] for a in arguments})
             name += "_whole" if kind == INT else ""

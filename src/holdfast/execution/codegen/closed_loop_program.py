@@ -27,8 +27,9 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError, SimulationError, suggestion
 from holdfast.execution.arithmetic.steps import FLOAT, Step, Steps, Value
+from holdfast.execution.codegen.lane_leaves import DRAW, WANDER, normal, two_uniforms
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.codegen.lowering import leaf_of
+from holdfast.execution.codegen.lowering import leaf_of, lowered
 from holdfast.execution.simulation.steppers import Tableau
 from holdfast.maths.control.barrier_conditions import check_reads
 from holdfast.maths.definitions.law import (
@@ -52,6 +53,7 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System, by_measurements, check_outputs
 from holdfast.maths.definitions.variation import Varied
+from holdfast.maths.expressions.functions import Process
 from holdfast.maths.expressions.traversal import exchanged, symbols_of
 
 
@@ -233,10 +235,10 @@ class FeltDisturbance:
     """What a plant feels of each disturbance, in the order of the system.
 
     expressions: of t, states, parameters and the symbols of `given`, numbers that are handed over
-    as parameters are, so that another current needs no new program. in_run: whether it varies
+    as parameters are, so that another current needs no new program. processes: those of
+    chance, by their values, which are the last of those numbers. in_run: whether it varies
     within a run; of_state: whether it is a field of the state. bounded: how many have to be
-    watched during a run, since only the states that are reached tell whether a field keeps its
-    bounds.
+    watched during a run, since only the run tells whether a field or a process keeps its bounds.
     """
 
     expressions: tuple[sp.Expr, ...]
@@ -244,6 +246,7 @@ class FeltDisturbance:
     in_run: bool
     of_state: bool
     bounded: int
+    processes: Mapping[sp.Symbol, Process] = field(default_factory=dict)
 
     def excess(self, system: System) -> list[sp.Expr]:
         """How far the disturbance is outside its bounds, above 0 where it is, then its values."""
@@ -269,14 +272,29 @@ def felt_disturbance(
     Raises `SimulationError` for an expression of anything but t, states and parameters.
     """
     expressions = [sp.sympify(disturbance.get(q.name, 0)) for q in system.disturbances]
+    processes: dict[sp.Symbol, Process] = {}
+    for k, e in enumerate(expressions):
+        for process in sorted(e.atoms(Process), key=str):
+            value = sp.Symbol(f"_process{len(processes)}", real=True)
+            processes[value] = process
+            expressions[k] = expressions[k].xreplace({process: value})
     states, declared = {q.symbol for q in system.states}, set(parameters)
     for q, expression in zip(system.disturbances, expressions, strict=True):
-        unknown = sorted(map(str, expression.free_symbols - declared - states - {TIME}))
+        used = expression.free_symbols - processes.keys()
+        unknown = sorted(map(str, used - declared - states - {TIME}))
         if unknown:
             raise SimulationError(
                 f"disturbance '{q.name}' uses '{unknown[0]}'",
                 expected="an expression of t, states of the plant and declared parameters",
                 remedy=suggestion(unknown[0], sorted(map(str, declared | states))),
+            )
+    for process in processes.values():
+        if unknown := sorted(map(str, process.free_symbols - declared)):
+            raise SimulationError(
+                f"{process} uses '{unknown[0]}'",
+                expected="an expression of declared parameters",
+                remedy=suggestion(unknown[0], sorted(map(str, declared))),
+                key="disturbance",
             )
     names = [q.name for q in system.disturbances]
     numbers = [
@@ -285,6 +303,7 @@ def felt_disturbance(
     ]
     used = set().union(*(e.free_symbols for e in expressions)) if expressions else set()
     of_state = bool(used & states)
+    watched = of_state or processes
     as_symbols = {n: sp.Symbol(f"_given_{n}", real=True) for n in names}  # no user name begins so
     return FeltDisturbance(
         expressions=tuple(
@@ -295,10 +314,12 @@ def felt_disturbance(
             as_symbols[n]: float(e)
             for n, e, is_number in zip(names, expressions, numbers, strict=True)
             if is_number
-        },
-        in_run=of_state or TIME in used,
+        }
+        | dict.fromkeys(processes, 0.0),
+        in_run=of_state or TIME in used or bool(processes),
         of_state=of_state,
-        bounded=len(expressions) if of_state and system.disturbance_bounds is not None else 0,
+        bounded=len(expressions) if watched and system.disturbance_bounds is not None else 0,
+        processes=processes,
     )
 
 
@@ -309,16 +330,20 @@ FEW = 2
 
 
 def with_shared_rows(
-    leaves: Mapping[str, Leaf], prepared: Iterable[str], users: Mapping[str, object]
+    leaves: Mapping[str, Leaf],
+    prepared: Iterable[str],
+    users: Mapping[str, object],
+    moving: Iterable[str] = (),
 ) -> dict[str, Leaf]:
     """The leaves, of the same steps, with those that compute rows for several of them.
 
-    prepared: the leaves whose parameters are rows of a block. users: the leaves that are computed
+    prepared: the leaves whose parameters are rows of a block; moving: inputs among the parameters
+    that change during a run. users: the leaves that are computed
     at a sample, each with who uses it; what two users need is shared.
     """
     rewritten = dict(leaves)
     steps = next(iter(leaves.values())).steps
-    about = _About(steps)
+    about = _About(steps, frozenset(moving))
     ready = [name for name in prepared if name in leaves]
     constant = {
         k for name in ready for k in _needed(rewritten[name]) if about.is_prepared(k)
@@ -337,13 +362,15 @@ def with_shared_rows(
 class _About:
     """What each step depends on: the arrays that it reads, and the operations below it."""
 
-    def __init__(self, steps: Steps) -> None:
+    def __init__(self, steps: Steps, moving: frozenset[str] = frozenset()) -> None:
         self.list: list[Step] = steps.list
         self.reads: list[frozenset[str]] = []
         self.costly: list[bool] = []
         self.size: list[int] = []
         for step in self.list:
             arrays = frozenset(step.given[0]) if step.operation == "input" else frozenset()
+            if arrays and step.given in moving:
+                arrays |= {"t"}
             self.reads.append(arrays.union(*(self.reads[a] for a in step.arguments)))
             below = [self.costly[a] for a in step.arguments]
             self.costly.append(step.operation in COSTLY or any(below))
@@ -471,6 +498,11 @@ class ClosedLoopProgram:
     def prepared(self) -> int:
         """The rows behind those of the parameters."""
         return self.rows_of(PREPARED)
+
+    @property
+    def wandering(self) -> int:
+        """The processes of its disturbances, whose values are the last of `given`."""
+        return self.rows_of("wander")
 
     @property
     def shared(self) -> int:
@@ -642,6 +674,7 @@ def _leaves(
     | constraints | | state | | of the plant | c_j |
     | constraint_rates | | state | dq/dt | of the plant | dc_j/dt |
     | goal | | state | | of the plant | level |
+    | wander | run, sample, seed | | processes | of the plant | the processes a sample later |
     | varied | | | | of the plant | values |
     | prepared, shared | time | seen | | both | see the top |
     """
@@ -695,8 +728,26 @@ def _leaves(
         levels = [when for when, _ in controller.transitions.get(mode, ())]
         leaves[f"guards{number}"] = leaf(levels, seen, (TIME_IN_MODE,))
     leaves = {name: one for name, one in leaves.items() if one.results}
+    moving = [f"p{p.index(value)}" for value in felt.processes]
     plant = ("rates", "constraints", "constraint_rates", "goal")
     numbers = range(len(controller.modes))
     users: dict[str, object] = {f"{kind}{k}": k for kind in ("law", "guards") for k in numbers}
     users |= {name: name for name in ("places", "signals", "remember")}
-    return with_shared_rows(leaves, (*plant, *users), users)
+    leaves = with_shared_rows(leaves, (*plant, *users), users, moving)
+    if felt.processes:
+        leaves["wander"] = _wander(felt.processes, p)
+    return leaves
+
+
+def _wander(processes: Mapping[sp.Symbol, Process], p: Sequence[sp.Symbol]) -> Leaf:
+    """The processes x after a sample, each with a normal number of its own for a sample."""
+    steps, widths = Steps(expanded=True), {"t": len(DRAW), "q": 0, "x": len(processes), "p": len(p)}
+    names = {a: [f"{a}{i}" for i in range(count)] for a, count in widths.items()}
+    run, sample, *seed = (steps.input(name) for name in names["t"])
+    values = {s: steps.input(name) for s, name in zip(p, names["p"], strict=True)}
+    results, number = [], sp.Symbol("_normal", real=True)
+    for i, (value, process) in enumerate(processes.items()):
+        drawn = normal(*two_uniforms((seed[0], seed[1]), run, sample, i, WANDER))
+        at = values | {value: steps.input(names["x"][i]), number: drawn}
+        results += lowered(steps, [process.following(value, SAMPLE_TIME, number)], at)
+    return Leaf(steps, names, results)

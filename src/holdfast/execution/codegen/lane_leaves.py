@@ -30,7 +30,7 @@ from holdfast.execution.arithmetic.steps import (
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.simulation.outcomes import Outcome
 
-UNIFORM, START, NORMAL, VARIED = 1, 2, 3, 4
+UNIFORM, START, NORMAL, VARIED, WANDER = 1, 2, 3, 4, 5
 """Purposes of random numbers, so that no two uses share a counter."""
 
 _TWO_52 = 2.0**52

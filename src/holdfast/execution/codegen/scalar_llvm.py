@@ -11,7 +11,7 @@ import math
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,6 +48,22 @@ _CONTRACTED = (ast.Add, ast.Sub, ast.Mult)
 SIZES = {"double": 8, "float": 4, "i64": 8, "i8": 1}
 
 
+LEAF = "leaf_"
+"""How the name of a leaf begins where it is called by its name."""
+
+
+class LeafCalls(NamedTuple):
+    """How leaves and parts are called: with rows of `width` lanes, by their addresses in the order
+    `called`; direct: by their names, as functions of the same module."""
+
+    width: int = 1
+    called: Sequence[str] = ()
+    direct: bool = False
+
+
+NO_LEAVES = LeafCalls()
+
+
 class Instructions:
     """Those of a function, in order. Variables are on the stack; LLVM's passes take registers.
 
@@ -56,9 +72,11 @@ class Instructions:
     """
 
     def __init__(
-        self, library: Scalars, function: ScalarFunction, *, single: bool, fused: bool
-    ) -> None:
+        self, library: Scalars, function: ScalarFunction, *, single: bool, fused: bool,
+        leaves: LeafCalls,
+    ) -> None:  # fmt: skip
         self.known, self.function, self.single, self.fused = library, function, single, fused
+        self.leaves = leaves
         self.types = {INT: "i64", FLOAT: "double", BOOL: "i1", NONE: "void"}
         self.types |= {VALUE: "float" if single else "double", **dict.fromkeys(ARRAYS, "ptr")}
         self.lines: list[str] = []
@@ -162,6 +180,8 @@ class Instructions:
         return self.named(f"load {self.types[kind]}, ptr {at}")
 
     def _called(self, name: str, kind: str, arguments: Sequence[ast.expr]) -> str:
+        if name in ("leaf", "part"):
+            return self._elsewhere(name, ast.literal_eval(arguments[0]), arguments[1:])
         values = [self.value(a) for a in arguments]
         kinds = [self.kind(a) for a in arguments]
         if name in self.known.functions:
@@ -208,8 +228,33 @@ class Instructions:
                 return self.named(f"select i1 {beyond}, {of} {values[1]}, {of} {values[0]}")
         raise AssertionError(name)
 
+    def _elsewhere(self, kind: str, name: str, arguments: Sequence[ast.expr]) -> str:
+        """Call a leaf, of places in w, or a part, of arrays and a number."""
+        values = [self.value(a) for a in arguments]
+        if kind == "leaf":
+            w = self.named("load ptr, ptr %x.w")
+            passed = [f"ptr {self._offset(FLOATS, w, v)}" for v in values]
+            passed += [f"i64 {self.leaves.width}"] * 2
+        else:
+            passed = [f"ptr {values[0]}", f"ptr {values[1]}", f"i64 {values[2]}"]
+        if self.leaves.direct:
+            where = f"@{LEAF if kind == 'leaf' else ''}{name}"
+        else:
+            first, place = self.named("load ptr, ptr %x.leaves"), self.leaves.called.index(name)
+            where = self.named(f"load ptr, ptr {self._offset(WHOLES, first, str(place))}")
+        self.line(f"call void {where}({', '.join(passed)})")
+        return ""
+
     def _machine(self, name: str, values: list[str], arguments: Sequence[ast.expr]) -> str:
         match name:
+            case "any_lane":
+                count = values[2]
+                lanes = f"<{count} x double>"
+                place = self._offset(FLOATS, values[0], values[1])
+                flags = self.named(f"load {lanes}, ptr {place}, align 8")
+                flags = self.named(f"fcmp une {lanes} {flags}, zeroinitializer")
+                bits = self.named(f"bitcast <{count} x i1> {flags} to i{count}")
+                return self.named(f"icmp ne i{count} {bits}, 0")
             case "address":
                 array = self.kind(arguments[0])
                 place = self._offset(array, values[0], values[1])
@@ -308,7 +353,12 @@ _DECLARED = (
 
 
 def scalars_text(
-    library: Scalars, roots: Sequence[str], *, single: bool = False, fused: bool = False
+    library: Scalars,
+    roots: Sequence[str],
+    *,
+    single: bool = False,
+    fused: bool = False,
+    leaves: LeafCalls = NO_LEAVES,
 ) -> str:
     """The text of a module of these functions and of those that they call.
 
@@ -317,7 +367,9 @@ def scalars_text(
     """
     functions = library.needed(roots)
     bodies = [
-        _Printer(library, f, single=single, fused=fused, internal=f.name not in roots).text()
+        _Printer(
+            library, f, single=single, fused=fused, leaves=leaves, internal=f.name not in roots
+        ).text()
         for f in functions
     ]
     return "\n\n".join([*bodies, *_DECLARED]) + "\n"
@@ -333,9 +385,10 @@ class _Printer(Instructions):
         *,
         single: bool,
         fused: bool,
+        leaves: LeafCalls,
         internal: bool,
     ) -> None:
-        super().__init__(library, function, single=single, fused=fused)
+        super().__init__(library, function, single=single, fused=fused, leaves=leaves)
         self.own = internal
         self.loops: list[tuple[str, str]] = []
 

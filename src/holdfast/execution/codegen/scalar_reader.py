@@ -28,8 +28,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cache
 from importlib import import_module, resources
-from types import FunctionType
-from typing import TypeAlias
+from types import FunctionType, MappingProxyType
+from typing import Any, TypeAlias
 
 from holdfast.maths.expressions.traversal import syntax_tree
 
@@ -108,17 +108,23 @@ MACHINE: Mapping[str, str] = {
     "table_at": TABLE, "values_at": VALUES, "address": INT, "call": NONE, "copy": NONE,
     "take": INT, "look": INT, "wait": NONE, "add": NONE, "most": NONE, "private_floats": FLOATS,
     "private_wholes": WHOLES, "private_values": VALUES, "shared_floats": FLOATS,
-    "shared_wholes": WHOLES,
+    "shared_wholes": WHOLES, "floats_at": FLOATS, "any_lane": BOOL, "leaf": NONE, "part": NONE,
 }  # fmt: skip
 """What has a meaning in machine code alone, and the kind of the result.
 
-table_at(k), values_at(k): the array at an address. address(a, k): of an entry. call(k, ...): the
-machine code at an address, with whole numbers. copy(a, i, count, b, j): count entries of a from i
-on to b from j on. take(a), look(a): a[0] by an atomic operation; `take` increments it.
+table_at(k), values_at(k), floats_at(k): the array at an address. address(a, k): that of an entry.
+call(k, ...): the machine code at an address, with whole numbers. copy(a, i, count, b, j): count
+entries of a from i on to b from j on. take(a), look(a): a[0] by an atomic operation; `take`
+increments it.
 
 In kernels of a device: wait(): until all threads of the block are here. add(a, k, n): n to a[k], by
 an atomic operation. most(a, k, x): a[k] are the bits of the largest number, none of them negative.
 private_floats(n), ...: a new array of so many, of a thread; shared_floats(n), ...: of a block.
+
+In loops over blocks of runs: any_lane(a, i, count): whether one of count entries from i on, a
+constant number, is not 0. leaf(name, k, t=..., q=..., x=..., p=..., out=...): the leaf `name`, or
+the k-th of this name, with places in w (0 by default). part(name, s, w, k): another function of a
+block. The function that calls these has `w`, and `leaves` where their addresses are.
 """
 
 RANGES = ("range", "over_threads", "over_blocks", "over_all")
@@ -148,6 +154,8 @@ class ScalarFunction:
     """Of the file in which it stands."""
     written: set[str] = field(default_factory=set)
     """Arrays, by the names of parameters and variables, of which an entry is assigned."""
+    leaves: dict[str, None] = field(default_factory=dict)
+    """The leaves and parts that it calls."""
 
     @property
     def body(self) -> list[ast.stmt]:
@@ -163,8 +171,16 @@ class ScalarFunction:
 
     def number(self, node: ast.expr) -> Number | None:
         """The number that an expression always is; None for others."""
-        local = self.parameters.keys() | self.variables.keys()
-        return constant(node, {k: v for k, v in self.constants.items() if k not in local})
+        if isinstance(node, ast.Constant):
+            return node.value if isinstance(node.value, int | float) else None
+        if isinstance(node, ast.Name) and (node.id in self.parameters or node.id in self.variables):
+            return None
+        if not isinstance(node, _MAY_BE_FIXED):
+            return None
+        names = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+        if names & (self.parameters.keys() | self.variables.keys()):
+            return None
+        return constant(node, self.constants)
 
 
 @dataclass
@@ -189,6 +205,10 @@ class Scalars:
             add(name)
         return list(ordered.values())
 
+    def called(self, roots: Iterable[str]) -> list[str]:
+        """The leaves and parts that these call, in the order of their addresses."""
+        return list(dict.fromkeys(name for one in self.needed(roots) for name in one.leaves))
+
 
 def constant(node: ast.expr, numbers: Mapping[str, Number]) -> Number | None:
     """The number that an expression is, whatever the arguments are; None for others."""
@@ -210,6 +230,7 @@ def constant(node: ast.expr, numbers: Mapping[str, Number]) -> Number | None:
     return None
 
 
+_MAY_BE_FIXED = ast.Name | ast.Attribute | ast.BinOp | ast.UnaryOp
 _FOLDED: Mapping[type[ast.operator], Callable[[Number, Number], Number]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
     ast.FloorDiv: operator.floordiv, ast.LShift: operator.lshift,
@@ -224,16 +245,29 @@ def common(kinds: Collection[str]) -> str:
 @cache
 def scalars(name: str) -> Scalars:
     """The functions of a file of `holdfast.execution`, such as "interpolate"."""
-    return read((resources.files("holdfast.execution") / f"{name}.py").read_text("utf-8"))
+    return read(text_of(name))
 
 
-def read(text: str) -> Scalars:
+Fixed: TypeAlias = Number | str | tuple[Number, ...]
+"""What is known of a program before it runs."""
+
+
+def text_of(name: str) -> str:
+    """The text of a file of `holdfast.execution`, such as "interpolate"."""
+    return (resources.files("holdfast.execution") / f"{name}.py").read_text("utf-8")
+
+
+def read(text: str, fixed: Mapping[str, Fixed] = MappingProxyType({})) -> Scalars:
     """The functions of a text. Raises `SyntaxError` for what is no part of the language.
 
     The text of a star import is to stand above: a text has several versions of some functions.
+    fixed: values of attributes, such as "shape.states", for which the text is read (`_Fixing`).
     """
     library = Scalars({}, {})
+    fixing = _Fixing(fixed)
     for node in syntax_tree(text).body:
+        if fixed and isinstance(node, ast.FunctionDef):
+            node = fixing.visit(node)
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(_ROOM):
             for one in node.names if node.names[0].name != "*" else ():
                 _import(library, node.module or "", one.name)
@@ -245,6 +279,142 @@ def read(text: str) -> Scalars:
 
 
 _ROOM = "holdfast.execution."
+
+LEAF_PLACES = ("t", "q", "x", "p", "out")
+"""The arguments of a leaf, as places in w."""
+
+
+class _Fixing(ast.NodeTransformer):
+    """A function for one program: an attribute that is fixed, or an entry of one, is its value; of
+    `if` and `or` with such a condition there remains what is done; a loop over `each(...)`, with a
+    fixed number of turns, is written out."""
+
+    def __init__(self, fixed: Mapping[str, Fixed]) -> None:
+        self.fixed = dict(fixed)
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        whole = f"{node.value.id}.{node.attr}" if isinstance(node.value, ast.Name) else ""
+        return self._looked_up(node, whole)
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        return self._looked_up(node, node.id)
+
+    def _looked_up(self, node: ast.expr, name: str) -> ast.expr:
+        value = self.fixed.get(name)
+        return node if value is None or isinstance(value, tuple) else _constant(node, value)
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
+        self.generic_visit(node)
+        values = self.fixed.get(ast.unparse(node.value))
+        place = constant(node.slice, {})
+        if isinstance(values, tuple) and place is not None:
+            return _constant(node, values[int(place)])
+        return node
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        value = constant(node, {})
+        return node if value is None else _constant(node, value)
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
+        self.generic_visit(node)
+        if isinstance(node.op, ast.Not) and isinstance(node.operand, ast.Constant):
+            return _constant(node, not node.operand.value)
+        return node
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        self.generic_visit(node)
+        match node:
+            case ast.Compare(
+                left=ast.Constant(value=a), ops=[op], comparators=[ast.Constant(value=b)]
+            ) if type(op) in _COMPARED:
+                return _constant(node, _COMPARED[type(op)](a, b))
+        return node
+
+    def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
+        self.generic_visit(node)
+        decides = isinstance(node.op, ast.Or)
+        left = []
+        for value in node.values:
+            if not isinstance(value, ast.Constant):
+                left.append(value)
+            elif bool(value.value) == decides:
+                return _constant(node, decides) if not left else node
+        if not left:
+            return _constant(node, not decides)
+        return left[0] if len(left) == 1 else ast.copy_location(ast.BoolOp(node.op, left), node)
+
+    def visit_If(self, node: ast.If) -> list[ast.stmt]:
+        test = self.visit(node.test)
+        if isinstance(test, ast.Constant):
+            return self._all(node.body if test.value else node.orelse)
+        body, other = self._all(node.body), self._all(node.orelse)
+        return [ast.copy_location(ast.If(test, body or [ast.Pass()], other), node)]
+
+    def visit_For(self, node: ast.For) -> list[ast.stmt]:
+        match node:
+            case ast.For(
+                target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="each"), args=turns)
+            ):
+                bounds = [constant(self.visit(b), {}) for b in turns]
+                if None in bounds:
+                    raise SyntaxError(f"the turns are not fixed: {ast.unparse(node.iter)}")
+                written = []
+                for k in range(*(int(b) for b in bounds if b is not None)):
+                    self.fixed[name] = k
+                    written += self._all([_copied(one) for one in node.body])
+                self.fixed.pop(name, None)
+                return written
+        node.iter, node.body = self.visit(node.iter), self._all(node.body) or [ast.Pass()]
+        return [node]
+
+    def visit_While(self, node: ast.While) -> ast.While:
+        node.test, node.body = self.visit(node.test), self._all(node.body) or [ast.Pass()]
+        return node
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
+        node.body = self._all(node.body) or [ast.Pass()]
+        return node
+
+    def visit_Call(self, node: ast.Call) -> ast.Call:
+        self.generic_visit(node)
+        match node:
+            case ast.Call(func=ast.Name(id="leaf"), args=[ast.Constant(value=name), *number]):
+                of = "".join(str(ast.literal_eval(k)) for k in number)
+                places = {one.arg: one.value for one in node.keywords}
+                zero = ast.copy_location(ast.Constant(0), node)
+                ordered = [places.pop(a, zero) for a in LEAF_PLACES]
+                if places:
+                    raise SyntaxError(f"no places of a leaf: {', '.join(map(str, places))}")
+                node.args, node.keywords = [_constant(node, f"{name!s}{of}"), *ordered], []
+        return node
+
+    def _all(self, statements: Iterable[ast.stmt]) -> list[ast.stmt]:
+        left: list[ast.stmt] = []
+        for one in statements:
+            changed = self.visit(one)
+            left += changed if isinstance(changed, list) else [changed]
+        return left
+
+
+def _copied(node: Any) -> Any:
+    """A tree of its own: `deepcopy` takes ten times as long."""
+    if isinstance(node, list):
+        return [_copied(one) for one in node]
+    if not isinstance(node, ast.AST):
+        return node
+    copy = type(node)(**{name: _copied(value) for name, value in ast.iter_fields(node)})
+    return ast.copy_location(copy, node)
+
+
+_COMPARED: Mapping[type[ast.cmpop], Callable[[Any, Any], bool]] = {
+    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le,
+    ast.Gt: operator.gt, ast.GtE: operator.ge,
+}  # fmt: skip
+
+
+def _constant(node: ast.expr, value: Any) -> ast.Constant:
+    return ast.copy_location(ast.Constant(value), node)
 
 
 def _constants(node: ast.Assign, numbers: Mapping[str, Number]) -> dict[str, Number]:
@@ -437,8 +607,14 @@ class _Reader:
         raise self._refuse(node, "no expression of a scalar function")
 
     def _called(self, node: ast.Call, name: str, arguments: list[ast.expr]) -> str:
-        kinds = [self._kind(a) for a in arguments]
         self.function.calls[node] = name
+        if name in ("leaf", "part"):
+            for one in arguments[1:]:
+                self._kind(one)
+            self.function.leaves[ast.literal_eval(arguments[0])] = None
+            self.function.written |= {"w"} if name == "leaf" else {"s", "w"}
+            return NONE
+        kinds = [self._kind(a) for a in arguments]
         if name in MACHINE:
             if name in _WRITTEN:
                 self.function.written.add(_array_of(arguments[_WRITTEN[name]]))

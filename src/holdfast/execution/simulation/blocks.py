@@ -22,19 +22,32 @@ import numpy.typing as npt
 
 from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
-from holdfast.execution.codegen.loop_text import LANES_OF_BLOCK, LOG, RING, WIDTH
 from holdfast.execution.codegen.scalar_llvm import address
 from holdfast.execution.leaf import Leaves, Machine, compiled_leaves, compiled_text
+from holdfast.execution.simulation.built_loop import (
+    KEPT,
+    LOOK_UP,
+    SINGLE,
+    STAGES,
+    WHOLE_RUNS,
+    Loop,
+)
 from holdfast.execution.simulation.layout import (
     FORGOTTEN,
+    LANES_OF_BLOCK,
     LATE,
+    LOG,
+    LOG_AT,
+    PITCH,
     RECORDS,
+    RING,
+    RINGS_AT,
     SAFEGUARD_ENTRIES,
     STRIDE,
     TABLE_ENTRIES,
+    WIDTH,
     Layout,
 )
-from holdfast.execution.simulation.loop import KEPT, LOOK_UP, SINGLE, Loop
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings, Trajectories
 from holdfast.execution.table_in_parts import TableInParts, read_at
@@ -98,7 +111,7 @@ class BlockNumbers:
         for ring, (slots, size) in rings.items():
             starts[ring] = rows
             rows += slots * size
-        self.log_at, record = rows, layout.record * self.width
+        self.rings_at, self.log_at, record = layout.size, rows, layout.record * self.width
         self.room = max(1, min(self.records, LOG_SIZE // (count * record)))
         size = rows + self.room * record
         memory = np.zeros(count * (size + 8) + 8)
@@ -106,10 +119,14 @@ class BlockNumbers:
         size += -size % 8
         self.w = memory[first : first + count * size].reshape(count, size)
         self.s = np.zeros((count, layout.entries), dtype=np.int64)
-        self.s[:, LOG], self.s[:, LANES_OF_BLOCK] = self.log_at, self.width
+        self.s[:, LANES_OF_BLOCK] = self.s[:, PITCH] = self.width
         self.s[:, STRIDE] = settings.stride
+        addresses = self.w.ctypes.data + 8 * size * np.arange(count)
+        self.s[:, LOG_AT] = addresses + 8 * self.log_at
+        self.s[:, RINGS_AT] = addresses + 8 * self.rings_at
         for ring, (slots, _) in rings.items():
-            self.s[:, RING + 3 * ring : RING + 3 * ring + 3] = 0, slots, starts[ring]
+            first = (starts[ring] - self.rings_at) // self.width
+            self.s[:, RING + 3 * ring : RING + 3 * ring + 3] = 0, slots, first
         self._late = slice(starts[LATE], starts[FORGOTTEN]), rings[LATE][0]
         self._rings = slice(starts[LATE], rows)
         self._fill_parts()
@@ -282,13 +299,14 @@ def _fetching(
 
 
 NOTES = {
-    "exit_time": "exit_time", "exit_constraint": "exit_constraint", "switches": "switches",
+    "outcome": "outcome", "goal_time": "inside_since", "exit_time": "exit_time",
+    "exit_constraint": "exit_constraint", "switches": "switches",
     "shortest_dwell": "shortest", "overruled": "overrules", "infeasible": "infeasible",
     "largest_slack": "largest_slack", "rejected": "rejected", "off_grid": "off_at",
 }  # fmt: skip
 """Arrays of the result, with the rows that they come from."""
 
-NOTED = ("outcome", "inside_since", *NOTES.values(), "worst", "peaks", "beyond")
+NOTED = (*NOTES.values(), "worst", "peaks", "beyond")
 """The rows that are read at the end of a run."""
 
 
@@ -340,10 +358,6 @@ def write_notes(
 ) -> None:
     """What is known of each run at its end. rows[name, k]: the k-th row of a quantity, by run. Each
     row has the shape (runs,)."""
-    outcome, since = rows["outcome", 0].copy(), rows["inside_since", 0]
-    outcome[(outcome == Outcome.STAYED) & ~np.isnan(since)] = Outcome.REACHED
-    out.outcome[runs] = outcome
-    out.goal_time[runs] = np.where(outcome == Outcome.DIVERGED, np.nan, since)
     for name, of in NOTES.items():
         getattr(out, name)[runs] = rows[of, 0]
     for array, of, before in (
@@ -357,9 +371,6 @@ def write_notes(
 MOST_BLOCKS, MOST_NUMBERS = 64, 1 << 22
 """Blocks of runs that one thread advances together, and numbers in their rings."""
 
-STAGES = ("measure", "control", "record", "move")
-"""The parts of a sample of a law that others hand a command."""
-
 
 class Functions(NamedTuple):
     """The compiled functions of a loop, and the addresses of the leaves and parts that it calls."""
@@ -367,6 +378,7 @@ class Functions(NamedTuple):
     begin: Callable[..., None]
     advance: Callable[..., None]
     finish: Callable[..., None]
+    end: Callable[..., None]
     sample: Callable[..., None]
     first: Callable[..., None]
     answer: Callable[..., None]
@@ -381,7 +393,7 @@ def functions_of(loop: Loop, program: Leaves) -> Functions:
     for name in loop.called:
         place = program.addresses.get(name) or leaves.addresses.get(name)
         addresses.append(place if place is not None else _part(name))
-    lists = Functions._fields[:-2], STAGES[: 4 * loop.staged]
+    lists = WHOLE_RUNS, STAGES * loop.staged
     first, stages = ([machine.function(f"holdfast_{n}", 4) for n in names] for names in lists)
     return Functions._make([*first, np.array(addresses, dtype=np.int64), stages])
 
@@ -434,15 +446,6 @@ class Blocks(BlockNumbers):
         starts: shape (runs, states)."""
         self.set_numbers(starts, numbers, first, of_all)
         self._call_all(self.functions.begin)
-        if not self.program.constraints:
-            return
-        c = self.rows("c0")
-        self.rows("worst")[:] = c
-        outside = c > self.rows("tolerance")
-        left = outside.any(axis=1)
-        self.rows("outcome")[:, 0][left] = Outcome.LEFT
-        self.rows("exit_time")[:, 0][left] = 0.0
-        self.rows("exit_constraint")[:, 0][left] = outside.argmax(axis=1)[left]
 
     def advance(self, out: Trajectories, first: int, stop: Whole) -> bool:
         """The next records to the arrays `out` from the run `first` on; whether there are more.
@@ -465,13 +468,13 @@ class Blocks(BlockNumbers):
     def begin_records(self) -> int:
         """Room for the next records, written by the stage `record`; how many."""
         count = min(self.room, self.records - self.recorded)
-        self.s[:, LOG] = self.log_at
+        self.s[:, LOG] = 0
         return count
 
     def end_records(self, out: Trajectories, first: int, count: int) -> None:
         """These records to the arrays `out` from the run `first` on."""
         record = self.layout.record
-        done = (self.s[:, LOG] - self.log_at) // (record * self.width)
+        done = self.s[:, LOG] // (record * self.width)
         log = self.w[:, self.log_at : self.log_at + count * record * self.width]
         log = log.reshape(len(self.w), count, record, self.width)
         runs = slice(first, first + self.runs)
@@ -500,6 +503,7 @@ class Blocks(BlockNumbers):
 
     def write_notes(self, out: Trajectories, first: int) -> None:
         """What is known of each run at its end, to the arrays `out` from the run `first` on."""
+        self._call_all(self.functions.end)
         counts = self.layout.counts
         rows = {(n, k): self.of_runs(n, k) for n in NOTED for k in range(counts[n])}
         write_notes(out, rows, slice(first, first + self.runs), len(self.program.inputs))

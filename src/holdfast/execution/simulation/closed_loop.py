@@ -20,7 +20,6 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import PREPARED, SHARED, ClosedLoopProgram
 from holdfast.execution.codegen.lane_leaves import starts_leaf, varied_leaf
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.codegen.loop_text import WIDTH
 from holdfast.execution.device.program import device_named
 from holdfast.execution.leaf import Leaves, compiled_leaves
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
@@ -31,9 +30,9 @@ from holdfast.execution.simulation.blocks import (
     functions_of,
     most_blocks,
 )
+from holdfast.execution.simulation.built_loop import Kind, Loop, built
 from holdfast.execution.simulation.device_runs import simulate_on
-from holdfast.execution.simulation.layout import shape_of
-from holdfast.execution.simulation.loop import Kind, Loop, built
+from holdfast.execution.simulation.layout import WIDTH, shape_of
 from holdfast.execution.simulation.settings import Settings, Trajectories, blank
 from holdfast.execution.table_in_parts import for_look_ups
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, symbol

@@ -6,13 +6,19 @@ from typing import NamedTuple
 
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.lane_leaves import CLOCK, DRAW, SEARCH, SWITCHES, TURNS
-from holdfast.execution.codegen.loop_text import RING, WIDTH
 from holdfast.execution.foreseen import CUTS, numbers_of_search
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.execution.simulation.steppers import Tableau
 from holdfast.maths.definitions.law import MOST_LEVELS
 
+WIDTH = 16
+"""Runs that advance together, the lanes of a block, on a processor with wide registers."""
+
+LOG, LANES_OF_BLOCK, PITCH, LOG_AT, RINGS_AT, RING = 0, 1, 2, 3, 4, 5
+"""Entries of s: how long the log is; the width; how far the rows of the log and of the rings are
+apart; the addresses of both; from RING on three for each ring: the next slot, the number of slots,
+and its first row."""
 RECORDS, STRIDE = RING + 6, RING + 7
 """Entries of s behind the rings: the records of a call, and the samples of a record."""
 LATE, FORGOTTEN = 0, 1
@@ -47,6 +53,7 @@ class Shape(NamedTuple):
     numbers: int
     prepared: int
     measured: int
+    wandering: int
     bounded: int
     handed: int
     remembered: int
@@ -77,6 +84,7 @@ def shape_of(program: ClosedLoopProgram, width: int = WIDTH) -> Shape:
         numbers=len(program.parameters) + len(program.given) + 1,
         prepared=program.prepared,
         measured=program.measured,
+        wandering=program.wandering,
         bounded=program.bounded,
         handed=len(program.handed),
         remembered=len(program.remembered),
@@ -131,6 +139,8 @@ class Layout:
             "input": (first + limited * self.width, m), "actuator": (first, actuators),
             "mode": (at["mode"], 1), "signal": (at["signals"], shape.signals),
             "constraint": (at["c0"], shape.constraints),
+            "wander": (at["plant"] + (shape.numbers - 1 - shape.wandering) * self.width,
+                       shape.wandering),
         }  # fmt: skip
         if shape.safeguarded:
             places |= {

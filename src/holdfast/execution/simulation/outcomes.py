@@ -6,23 +6,29 @@ from enum import IntEnum
 
 
 class Outcome(IntEnum):
-    """The outcome of a trajectory."""
+    """The outcome of a trajectory, with the label that users read.
 
-    STAYED = 0
-    REACHED = 1
-    LEFT = 2
-    DIVERGED = 3
-    CHATTERED = 4
-    OFF_GRID = 5
+    A run that left the grid stayed in its region, but reached a state where the value function of
+    its law is not known.
+    """
 
-    @property
-    def label(self) -> str:
-        return OUTCOMES[self]
+    STAYED = 0, "stayed"
+    REACHED = 1, "reached goal"
+    LEFT = 2, "left region"
+    DIVERGED = 3, "diverged"
+    CHATTERED = 4, "chattered"
+    OFF_GRID = 5, "left grid"
+
+    label: str
+
+    def __new__(cls, number: int, label: str = "") -> Outcome:
+        made = int.__new__(cls, number)
+        made._value_, made.label = number, label
+        return made
 
 
-OUTCOMES = ("stayed", "reached goal", "left region", "diverged", "chattered", "left grid")
-"""The labels, in the order of `Outcome`. A run that left the grid stayed in its region, but reached
-a state where the value function of its law is not known."""
+OUTCOMES = tuple(one.label for one in Outcome)
+"""The labels, in the order of `Outcome`."""
 
 
 class SafeguardAnswer(IntEnum):

@@ -12,11 +12,10 @@ from __future__ import annotations
 import math
 
 from holdfast.execution.arrays import Floats, Table, Wholes
-from holdfast.execution.codegen.loop_text import LANES_OF_BLOCK
 from holdfast.execution.foreseen import keep_foreseen, numbers_of_search
 from holdfast.execution.interpolate import beyond_grid, look_up
 from holdfast.execution.look_in_cells import look_in_cells
-from holdfast.execution.simulation.layout import AHEAD
+from holdfast.execution.simulation.layout import AHEAD, LANES_OF_BLOCK
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.quadratic_program import keep_in_order, overrules
 

@@ -147,7 +147,8 @@ class Trajectories:
     admissible input, largest_slack: the most it needed, rejected: adaptive steps refused,
     off_grid [s]: when the law first asked its table outside the grid or the cells (NaN: never),
     beyond (run, 1 + disturbances): when a field first exceeded its bounds (NaN: never) and its
-    values then, of a field only, varied (run, name): what the run had values of its own for,
+    values then, of a field only, wander (run, time, process): of the disturbance,
+    varied (run, name): what the run had values of its own for,
     wall_time: seconds of simulation, without compilation.
     """
 
@@ -178,6 +179,7 @@ class Trajectories:
     off_grid: Array
     beyond: Array
     varied: Array
+    wander: Array
     wall_time: float = 0.0
 
 
@@ -220,6 +222,7 @@ def blank(program: ClosedLoopProgram, settings: Settings, varied: Array) -> Traj
         off_grid=of(),
         beyond=of(1 + program.bounded if program.bounded else 0),
         varied=varied,
+        wander=of(rows, program.wandering),
     )
 
 

@@ -18,7 +18,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, HoldfastError
-from holdfast.maths.expressions.canonical import FUNCTIONS, canonical
+from holdfast.maths.expressions.canonical import FUNCTIONS, PROCESSES, canonical
 from holdfast.maths.expressions.traversal import parts
 from holdfast.maths.expressions.written import FUNCTIONS as COMPILED
 
@@ -315,7 +315,7 @@ def check_symbols(
                     f"{what} of {owner} uses '{type(part).__name__}', which cannot be compiled: "
                     f"{part!s:.60}",
                     expected="arithmetic and functions such as "
-                    + ", ".join(n for n in FUNCTIONS if n != "wrap")
+                    + ", ".join(n for n in FUNCTIONS if n not in ("wrap", *PROCESSES))
                     + "; wrap for an angle",
                 )
         if unknown:

@@ -29,6 +29,7 @@ from sympy.logic.boolalg import Boolean
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.expressions.functions import (
+    Process,
     angle,
     clip,
     greatest,
@@ -55,6 +56,9 @@ def pairwise(function: Callable[..., sp.Expr]) -> Callable[..., sp.Expr]:
     return fold
 
 
+PROCESSES = {p.__name__: p for p in Process.__subclasses__()}
+"""Stochastic processes, which a disturbance alone may have."""
+
 FUNCTIONS: dict[str, tuple[int, int, Callable[..., sp.Expr]]] = {
     "sin": (1, 1, sp.sin),
     "cos": (1, 1, sp.cos),
@@ -77,6 +81,7 @@ FUNCTIONS: dict[str, tuple[int, int, Callable[..., sp.Expr]]] = {
     "select": (3, 3, select),
     "min": (2, 8, pairwise(least)),
     "max": (2, 8, pairwise(greatest)),
+    **{name: (int(max(p.nargs)), int(max(p.nargs)), p) for name, p in PROCESSES.items()},
 }
 """Name -> (fewest arguments, most arguments, the function).
 

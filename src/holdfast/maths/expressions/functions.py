@@ -14,6 +14,7 @@ through a jump: the sign and the number of turns are frozen, as a sampled contro
 | clip(x, lo, hi) | saturation | that of the branch taken |
 | angle(y, x, guard) | atan2(y, x), and 0 at the origin | (x dy - y dx) / (x^2 + y^2 + guard) |
 | length(x, y, guard) | sqrt(x^2 + y^2) | (x dx + y dy) / sqrt(x^2 + y^2 + guard) |
+| wiener(s) | a Wiener process of the intensity s, of a disturbance alone | 0 |
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import sympy as sp
+
+from holdfast.arguments import checked
 
 
 def _number(value: sp.Expr) -> float | None:
@@ -69,6 +72,56 @@ class sgn(RealFunction):
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
         return sp.S.Zero
+
+
+class Process(RealFunction):
+    """A stochastic process as a part of a disturbance, 0 at the start; its arguments are numbers,
+    or expressions of parameters.
+
+    A run holds its value for a sample. The processes of each disturbance are its own, and are fixed
+    by the seed and the number of the run.
+    """
+
+    is_number = False
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        return sp.S.Zero
+
+    def following(self, value: sp.Expr, h: sp.Expr, normal: sp.Expr) -> sp.Expr:
+        """The value a time h [s] later, with a normal number of mean 0 and variance 1."""
+        raise NotImplementedError
+
+
+class wiener(Process):
+    """A Wiener process W(t) of the intensity s (Brownian motion, a random walk).
+
+        W(0) = 0,   W(t + h) - W(t) normal with mean 0 and variance s^2 h
+
+    s has the unit of the disturbance per sqrt(s). Source: B. Oksendal, Stochastic Differential
+    Equations, 6th ed., 2.2.
+    """
+
+    nargs = 1
+
+    def following(self, value: sp.Expr, h: sp.Expr, normal: sp.Expr) -> sp.Expr:
+        return value + self.args[0] * sp.sqrt(h) * normal
+
+    @classmethod
+    def eval(cls, s: sp.Expr) -> Any:
+        return sp.S.Zero if s.is_zero else cls(-s) if s.could_extract_minus_sign() else None
+
+
+@checked
+def wiener_process(intensity: float | sp.Expr) -> sp.Expr:
+    """A Wiener process W(t) as a part of a disturbance of `simulate`; "wiener(s)" in a file.
+
+        W(0) = 0,   W(t + h) - W(t) normal with mean 0 and variance intensity^2 h
+
+    intensity: a number, or an expression of parameters, in the unit of the disturbance per sqrt(s).
+    A run holds the value for a sample; each disturbance has processes of its own, which the seed
+    and the number of the run fix. Source: B. Oksendal, Stochastic Differential Equations, 2.2.
+    """
+    return wiener(sp.sympify(intensity))
 
 
 class wrap(RealFunction):

@@ -83,12 +83,12 @@ function notice(text) { byId("notice").textContent = text; }
 function tell() {
   const run = page.run, labels = Object.keys(data.look.outcomes);
   const parts = [`${labels[run.outcome]}`];
-  if (run.outcome === LEFT) {
+  if (run.ended === "LEFT") {
     const broken = data.constraints[run.exitConstraint];
     parts[0] = `left the region at ${short(run.exitTime)} s` + (broken ? `, by ${broken[0].replaceAll("_", " ")}` : "");
-  } else if (run.outcome === REACHED) parts[0] = `reached the goal at ${short(run.goalTime)} s`;
-  else if (run.outcome === STAYED) parts[0] = data.constraints.length ? `stayed for ${short(data.settings.horizon)} s` : `ran for ${short(data.settings.horizon)} s`;
-  else if (run.outcome === DIVERGED) parts[0] = "diverged";
+  } else if (run.ended === "REACHED") parts[0] = `reached the goal at ${short(run.goalTime)} s`;
+  else if (run.ended === "STAYED") parts[0] = data.constraints.length ? `stayed for ${short(data.settings.horizon)} s` : `ran for ${short(data.settings.horizon)} s`;
+  else if (run.ended === "DIVERGED") parts[0] = "diverged";
   if (run.infeasible > 0) parts.push(`no admissible input at ${run.infeasible} samples`);
   if (run.overruled > 0) parts.push(`the filter changed the command at ${run.overruled} samples`);
   if (run.switches > 0) parts.push(`${run.switches} changes of mode`);

@@ -4,7 +4,6 @@
 "use strict";
 
 const PAGE = 65536;
-const STAYED = 0, REACHED = 1, LEFT = 2, DIVERGED = 3;
 
 function decoded(text) {
   const binary = atob(text);
@@ -61,6 +60,8 @@ class ClosedLoop {
     this.table = table ? new Uint8Array(memory.buffer, this.atTable, table.length) : null;
     if (table) this.table.set(table);
     for (const k of spec.tables) this.whole[k] = BigInt(this.atTable);
+    this.whole[spec.entry_of_log_at] = BigInt(this.atW + 8 * spec.log);
+    this.whole[spec.entry_of_rings_at] = BigInt(this.atW + 8 * spec.rings);
     this.w = this.atW / 8;
     this.s = this.atS / 8;
     this.out = this.atOut / 8;
@@ -137,11 +138,10 @@ class ClosedLoop {
     this.setDelay(given.delay || 0);
     const call = (name) => this.call[name](this.atW, this.atS, 0, this.atStop);
     call("holdfast_begin");
-    this.look();
-    i[this.s] = BigInt(spec.log);
     i[this.s + spec.entry_of_records] = BigInt(spec.records - 1);
     call("holdfast_advance");
     call("holdfast_finish");
+    call("holdfast_end");
     return starts.map((_, lane) => this.result(lane, given.only));
   }
 
@@ -152,31 +152,14 @@ class ClosedLoop {
     i[late] = 0n;
     i[late + 1] = BigInt(slots);
     this.fill("delay", slots - 1);
-    const ring = this.w + Number(i[late + 2]), q = this.row("q");
+    const ring = this.w + spec.rings + Number(i[late + 2]) * lanes, q = this.row("q");
     for (let slot = 0; slot < slots; slot++) f.copyWithin(ring + slot * size, q, q + size);
-  }
-
-  // What is known of the constraints before the first sample.
-  look() {
-    if (!this.has("c0")) return;
-    const { f, lanes } = this, count = this.spec.rows.c0[1];
-    for (let lane = 0; lane < lanes; lane++) {
-      const tolerance = f[this.row("tolerance") + lane];
-      for (let j = count - 1; j >= 0; j--) {
-        const c = f[this.row("c0", j) + lane];
-        f[this.row("worst", j) + lane] = c;
-        if (!(c > tolerance)) continue;
-        f[this.row("outcome") + lane] = LEFT;
-        f[this.row("exit_time") + lane] = 0;
-        f[this.row("exit_constraint") + lane] = j;
-      }
-    }
   }
 
   // A run: arrays of its records, one after the other, and how it ended.
   result(lane, only) {
     const { f, i, spec, lanes } = this, size = spec.record_rows * lanes;
-    const done = Math.min(spec.records, (Number(i[this.s]) - spec.log) / size);
+    const done = Math.min(spec.records, Number(i[this.s]) / size);
     const log = this.w + spec.log + lane;
     let count = 0;
     while (count < done && f[log + count * size] !== 0) count++;
@@ -192,8 +175,8 @@ class ClosedLoop {
     }
     const end = (name, row = 0) => (this.has(name) ? f[this.row(name, row) + lane] : NaN);
     found.outcome = end("outcome");
-    found.goalTime = found.outcome === DIVERGED ? NaN : end("inside_since");
-    if (found.outcome === STAYED && !Number.isNaN(end("inside_since"))) found.outcome = REACHED;
+    found.ended = spec.outcomes[found.outcome];
+    found.goalTime = end("inside_since");
     found.exitTime = end("exit_time");
     found.exitConstraint = end("exit_constraint");
     found.switches = end("switches");

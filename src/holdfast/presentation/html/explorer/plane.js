@@ -210,7 +210,7 @@ class Plane {
       if (now !== mode) { flush(); piece = [x, y]; mode = now; }
     }
     flush();
-    if (run.outcome === LEFT || run.outcome === DIVERGED) {
+    if (run.ended === "LEFT" || run.ended === "DIVERGED") {
       const last = Math.min(run.count - 1, Math.floor(run.exitTime / page.recordEvery));
       this.cross([run.state[last * n + i], run.state[last * n + j]], look.text);
     }

@@ -144,7 +144,7 @@ function pathOf(run) {
     xy[2 * k + 1] = run.state[k * n + planeY];
   }
   let left = null;
-  if (run.outcome === LEFT && run.count) {
+  if (run.ended === "LEFT" && run.count) {
     const k = Math.min(run.count - 1, Math.floor(run.exitTime / page.recordEvery));
     left = [xy[2 * k], xy[2 * k + 1]];
   }
