@@ -67,16 +67,22 @@ _CALLED_BY_SCALARS = {
 _ATOM, _PREFIX = 9, 7
 
 
-def scalars_c(library: Scalars, roots: Sequence[str], *, kernels: bool = False) -> str:
+def scalars_c(
+    library: Scalars,
+    roots: Sequence[str],
+    *,
+    scope: str = "static",
+    kernels: Sequence[str] = (),
+    fused: bool = False,
+) -> str:
     """The text of these functions and of those that they call, named hf_ and their name.
 
     An entry of a `Table` has the type hf_table, a `Value` the type hf_real, which the text before
-    it has to define. kernels: whether the first are kernels of a device (`device/blocks.h`); then a
-    product and a sum are fused, as LLVM may in the same functions.
+    it has to define. scope: of the functions, kernels: those of them that are kernels of a device
+    (`device/blocks.h`). fused: whether a product and a sum are fused, as LLVM may in a sweep.
     """
-    scope = "HF_FUNCTION" if kernels else "static"
     text = "\n".join(
-        _Printer(library, f, "HF_KERNEL" if kernels and f.name in roots else scope, kernels).text()
+        _Printer(library, f, "HF_KERNEL" if f.name in kernels else scope, fused).text()
         for f in library.needed(roots)
         if f.body
     )

@@ -275,7 +275,7 @@ class Instructions:
                 return self.named(f"atomicrmw add ptr {values[0]}, i64 1 monotonic")
             case "look":
                 return self.named(f"load atomic i64, ptr {values[0]} acquire, align 8")
-            case "table_at" | "values_at":
+            case "table_at" | "values_at" | "floats_at":
                 return self.named(f"inttoptr i64 {values[0]} to ptr")
         raise ValueError(f"'{name}' is for kernels of a device")
 

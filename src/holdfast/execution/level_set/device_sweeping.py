@@ -67,7 +67,8 @@ def march_text(stage: Stage, scheme: Scheme, precision: str, rows: int) -> str:
     files = ((folder / f"{name}.py").read_text("utf-8") for name in ("stencils", "device_sweep"))
     numbers = "\n".join(f"{name} = {value}" for name, value in named.items())
     parsed = read("\n".join((next(files), numbers, next(files))))
-    sweep = scalars_c(parsed, ["last_axis", "stage", "measured", "reflect"], kernels=True)
+    kernels = ["last_axis", "stage", "measured", "reflect"]
+    sweep = scalars_c(parsed, kernels, scope="HF_FUNCTION", kernels=kernels, fused=True)
     leaves = [
         _leaf(parsed, "along_last_axis", rates.leaves["along"], "table[{} * pitch]", real),
         _leaf(parsed, "of_a_row", rates.leaves["rows"], f"row[{{}} * {rows}]"),

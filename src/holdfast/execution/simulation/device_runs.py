@@ -145,33 +145,16 @@ def _places(layout: Layout, numbers: Numbers) -> tuple[list[int], dict[tuple[str
 def _text(program: ClosedLoopProgram, kind: Kind, layout: Layout) -> str:
     """The kernel `hf_simulate` of a program."""
     shape = shape_of(program, width=1)
-    loop, root = read_for(shape, layout, kind, stoppable=False), ["one_run"]
+    loop, root = read_for(shape, layout, kind, stoppable=False), ["simulate"]
     by_name = {**own_leaves(shape, kind), **program.leaves}
     called = loop.called(root)
     leaves = leaves_cpp({name: by_name[name] for name in called if name in by_name})
     parts = [name.removesuffix(SINGLE) for name in called if name not in by_name]
     single = any(name.endswith(SINGLE) for name in called)
     library = Scalars(scalars("simulation/parts").functions | loop.functions, {})
-    printed = scalars_c(library, [*parts, *root])
+    printed = scalars_c(library, [*parts, *root], scope="HF_CALLED", kernels=root)
     table = f"typedef {'float' if single else 'double'} hf_table;\n" + (
         "#define hf_table_at(address) ((const hf_table *)(address))\n"
     )
-    called_ones = re.sub(r"^static ", "HF_CALLED ", printed, flags=re.MULTILINE)
-    return table + leaves + called_ones + _KERNEL % (layout.size, layout.entries)
+    return table + leaves + printed
 
-
-_KERNEL = """
-HF_KERNEL hf_simulate(hf_int runs, const double *first, const hf_int *entries, const double *varied,
-                      const hf_int *varied_at, hf_int varied_count, hf_int records, double *log,
-                      double *rings, hf_int in_rings, double *noted, const hf_int *noted_at,
-                      hf_int noted_count)
-{
-    HF_EACH(t)
-        for (hf_int run = HF_BLOCK * HF_THREADS + t; run < runs; run += HF_BLOCKS * HF_THREADS) {
-            double w[%d];
-            hf_int s[%d];
-            hf_one_run(w, s, run, runs, first, entries, varied, varied_at, varied_count, records,
-                       log, rings, in_rings, noted, noted_at, noted_count);
-        }
-}
-"""

@@ -14,7 +14,7 @@ number is written out. Functions that a block is handed to from outside are
     holdfast_answer    what a controller answers to what it sees, which others write
 
 and of a law that others hand a command: holdfast_measure, holdfast_control, holdfast_record,
-holdfast_move; one_run is a whole run, for a target on which each run has a thread of its own.
+holdfast_move; `simulate` is whole runs, for a device on which each has a thread of its own.
 
 w are the numbers of a block in rows of one number for each run (a lane), shape (rows, width); s its
 whole numbers; leaves the addresses of leaves and parts; stop[0] is 1 when somebody stops the loop.
@@ -385,30 +385,33 @@ def holdfast_move(w: Floats, s: Wholes, leaves: Wholes, stop: Wholes):
     advance(w, s, leaves, stop)
 
 
-def one_run(
-    w: Floats, s: Wholes, run: int, runs: int, first: Floats, entries: Wholes, varied: Floats,
-    varied_at: Wholes, varied_count: int, records: int, log: Floats, rings: Floats, in_rings: int,
+def simulate(
+    runs: int, first: Floats, entries: Wholes, varied: Floats, varied_at: Wholes,
+    varied_count: int, records: int, log: Floats, rings: Floats, in_rings: int,
     noted: Floats, noted_at: Wholes, noted_count: int,
 ):  # fmt: skip
-    """A run of one lane among others, whose log, rings and numbers are columns of common arrays.
+    """Runs of one lane, each by a thread, whose log, rings and numbers are columns of arrays.
 
-    first, entries: w and s before it begins. varied, noted: numbers that differ between the runs,
-    and those that are asked for at the end, shape (count, runs), with their places in w.
+    first, entries: w and s before a run begins. varied, noted: numbers that differ between the
+    runs, and those that are asked for at the end, shape (count, runs), with their places in w.
     """
-    copy(first, 0, at.size, w, 0)
-    for k in range(at.entries):
-        s[k] = entries[k]
-    s[LOG], s[PITCH], s[RECORDS] = 0, runs, records - 1
-    s[LOG_AT], s[RINGS_AT] = address(log, run), address(rings, run)
-    for k in range(varied_count):
-        w[varied_at[k]] = varied[k * runs + run]
-    for k in range(in_rings):
-        rings[k * runs + run] = 0.0
-    for k in range(s[RING + 3 * LATE + 1] * shape.states):
-        rings[(s[RING + 3 * LATE + 2] + k) * runs + run] = w[at.q + k % shape.states]
-    holdfast_begin(w, s, s, s)
-    holdfast_advance(w, s, s, s)
-    holdfast_finish(w, s, s, s)
-    holdfast_end(w, s, s, s)
-    for k in range(noted_count):
-        noted[k * runs + run] = w[noted_at[k]]
+    w = private_floats(at.size)
+    s = private_wholes(at.entries)
+    for run in over_all(0, runs):
+        copy(first, 0, at.size, w, 0)
+        for k in range(at.entries):
+            s[k] = entries[k]
+        s[LOG], s[PITCH], s[RECORDS] = 0, runs, records - 1
+        s[LOG_AT], s[RINGS_AT] = address(log, run), address(rings, run)
+        for k in range(varied_count):
+            w[varied_at[k]] = varied[k * runs + run]
+        for k in range(in_rings):
+            rings[k * runs + run] = 0.0
+        for k in range(s[RING + 3 * LATE + 1] * shape.states):
+            rings[(s[RING + 3 * LATE + 2] + k) * runs + run] = w[at.q + k % shape.states]
+        holdfast_begin(w, s, s, s)
+        holdfast_advance(w, s, s, s)
+        holdfast_finish(w, s, s, s)
+        holdfast_end(w, s, s, s)
+        for k in range(noted_count):
+            noted[k * runs + run] = w[noted_at[k]]
