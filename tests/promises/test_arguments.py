@@ -291,7 +291,7 @@ FUNCTIONS = {
     },
     "safeguard": lambda: {
         "system": line(), "law": push_law(), "region": end(), "gains": (1.0, 4.0), "margins": {"end": 0.1},
-        "scales": {"u": 1.0}, "measured": False,
+        "scales": {"u": 1.0}, "disturbance_measured": False,
     },
     "safety_law": lambda: {
         "system": line(), "value": value(), "law": push_law(), "rate": 2.0, "margin": 0.1, "sample_time": 0.02, "delay": 0.0,
@@ -369,7 +369,7 @@ CLASSES = {
     "Relay": lambda: {"keep": keeper(), "patience": 0.25},
     "SafetyFilter": lambda: {
         "system": line(), "keep": end(), "sample_time": 0.02, "delay": 0.0, "rate": None, "margin": None, "gains": (1.0, 4.0),
-        "margins": {"end": 0.1}, "constraints": None, "measured": False, "states": None, "bandwidth": 2.0, "scales": {"u": 1.0}, "rates": {"x": 1.0},
+        "margins": {"end": 0.1}, "constraints": None, "disturbance_measured": False, "states": None, "bandwidth": 2.0, "scales": {"u": 1.0}, "rates": {"x": 1.0},
         "fallback": [0.0], "around": line(),
     },
     "Inequality": lambda: {"name": "c", "expression": x - 1, "unit": "m", "description": ""},

@@ -49,13 +49,17 @@ class Resting:
             "scenario": self.scenario,
             "tried": len(self.found),
             "at_rest": sum(f.exists for f in self.found),
-            "places": [{**asdict(f), "exists": f.exists} for f in self.found],
+            "places": [_place(f) for f in self.found],
         }
 
     @property
     def answered(self) -> bool:
         """Whether there is a place at rest in any of them."""
         return any(f.exists for f in self.found)
+
+
+def _place(best: RestingState) -> dict[str, Any]:
+    return {n: v for n, v in asdict(best).items() if n != "current"} | {"exists": best.exists}
 
 
 def no_rest(scenario: Scenario) -> str:

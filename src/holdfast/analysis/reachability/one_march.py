@@ -46,7 +46,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, fields, is_dataclass, replace
+from dataclasses import asdict, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +85,7 @@ from holdfast.execution.level_set.march import Done, March, Method, OverGrid
 from holdfast.execution.level_set.refined_march import RefinedMarch
 from holdfast.execution.resources import Memory, Room
 from holdfast.host.files import atomic_file, remove_left_over
+from holdfast.maths.definitions.quantity import stated
 from holdfast.maths.definitions.system import System
 from holdfast.maths.games.hamiltonian import Hamiltonian, check_symmetry, hamiltonian
 
@@ -223,7 +224,7 @@ def identity(posed: Posed) -> dict[str, str]:
 def _text(value: object) -> str:
     """A value of the library, by its parts."""
     if is_dataclass(value) and not isinstance(value, type):
-        return "; ".join(f"{f.name} {_text(getattr(value, f.name))}" for f in fields(value))
+        return "; ".join(f"{name} {_text(v)}" for name, v in stated(value).items())
     if isinstance(value, (sp.Basic, sp.MatrixBase)):
         return str(sp.srepr(value))
     if isinstance(value, tuple):

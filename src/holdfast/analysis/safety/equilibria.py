@@ -46,7 +46,8 @@ class RestingState:
 
     state, inputs, disturbance: name -> value in SI units. margin: the least -c_j there, in the unit
     of c_j; below 0 it is outside. residual: the largest rate left. missing: empty for an
-    equilibrium in the region, else the reason why there is none.
+    equilibrium in the region, else the reason why there is none. current: the names of the
+    components of the current along x and y.
     """
 
     state: Mapping[str, float]
@@ -55,6 +56,7 @@ class RestingState:
     margin: float
     residual: float
     missing: str = ""
+    current: tuple[str, ...] = ()
 
     @property
     def exists(self) -> bool:
@@ -63,8 +65,9 @@ class RestingState:
     def words(self, units: Mapping[str, str]) -> str:
         """The disturbance: a current by its speed and direction, else number by number."""
         d = self.disturbance
-        if set(d) == {"Vx", "Vy"}:
-            along = math.degrees(math.atan2(d["Vy"], d["Vx"]))
+        if set(d) == set(self.current) != set():
+            vx, vy = (d[n] for n in self.current)
+            along = math.degrees(math.atan2(vy, vx))
             return f"a current of {math.hypot(*d.values()):.3g} m/s along {along:.4g} degrees"
         return ", ".join(f"{n} = {v:.3g} {units[n]}" for n, v in d.items()) or "no disturbance"
 
@@ -95,6 +98,7 @@ class Search:
         self.system, self.region, self.seed, self.starts = system, region, seed, starts
         self.states, self.inputs = len(system.states), len(system.inputs)
         self.box = self._box(box or {})
+        self.current = tuple(q.name for q in system.current_along("x", "y") or ())
         of_place = {symbol(n): e for n, e in (field or {}).items()}
         felt = [of_place.get(q.symbol, q.symbol) for q in system.disturbances]
         rates = [system.rates[n].xreplace(of_place) for n in system.state_names]
@@ -331,6 +335,7 @@ class Search:
             margin=margin,
             residual=residual,
             missing=missing,
+            current=self.current,
         )
 
 
@@ -383,18 +388,20 @@ def resting_directions(
     starts: int = STARTS,
     seed: int = 0,
 ) -> tuple[RestingState, ...]:
-    """`resting_state` for a disturbance of one size in `count` directions of its plane.
+    """`resting_state` for a current of one speed in `count` directions of its plane.
 
         d = speed (cos theta, sin theta),   theta = 2 pi k / count,   k = 0 ... count - 1
 
-    Each search begins at the answer of the direction before it too. Raises `DefinitionError` for a
-    system that has not two disturbances, and as `resting_state`.
+    d is the current along x and y, other disturbances are 0; of a system that says of none that it
+    is the current, its two disturbances. Each search begins at the answer of the direction before
+    it too. Raises `DefinitionError` for a system that has neither, and as `resting_state`.
     """
-    names = system.disturbance_names
+    names = [q.name for q in system.current_along("x", "y") or system.disturbances]
     if len(names) != 2:
         raise DefinitionError(
             f"system '{system.name}' has {len(names)} disturbances", expected="two, as a current"
         )
+    still = dict.fromkeys(system.disturbance_names, 0.0)
     if not 0 <= speed < math.inf:
         raise DefinitionError(f"speed is {speed:g}", expected="0 or more")
     if not count >= 1:
@@ -403,7 +410,7 @@ def resting_directions(
     answers: list[RestingState] = []
     last: list[Array] = []
     for theta in 2 * math.pi * np.arange(count) / count:
-        d = {names[0]: speed * math.cos(theta), names[1]: speed * math.sin(theta)}
+        d = still | {names[0]: speed * math.cos(theta), names[1]: speed * math.sin(theta)}
         answers.append(search.solve(d, last))
         if answers[-1].exists:
             values = [*answers[-1].state.values(), *answers[-1].inputs.values(), answers[-1].margin]
