@@ -130,18 +130,34 @@ TABLES = {
         {},
         {"antiderivatives": "of Python and of catalogue entries"},
     ),
-    "a state": (schema.QuantitySpec, [hf.Quantity], {}, {"name": "the key"}),
+    "a state": (
+        schema.QuantitySpec,
+        [hf.Quantity],
+        {},
+        {"name": "the key", "role": "of disturbances alone"},
+    ),
+    "a disturbance": (
+        schema.DisturbanceSpec,
+        [hf.Quantity],
+        {"bounds": "of the whole system in Python"},
+        {"name": "the key", "angle": "of states alone"},
+    ),
     "a parameter": (
         values.ParameterSpec,
         [hf.Parameter],
         {},
-        {"name": "the key", "angle": "of states alone", "above": "of catalogue entries alone"},
+        {
+            "name": "the key",
+            "angle": "of states alone",
+            "role": "of disturbances alone",
+            "above": "of catalogue entries alone",
+        },
     ),
     "a measurement": (
         schema.MeasurementSpec,
         [hf.Measurement],
         {},
-        {"name": "the key", "angle": "of states alone"},
+        {"name": "the key", "angle": "of states alone", "role": "of disturbances alone"},
     ),
     "[law]": (
         schema.LawSpec,

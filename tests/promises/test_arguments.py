@@ -388,7 +388,7 @@ CLASSES = {
     "Parameter": lambda: {"name": "k", "unit": "1", "description": "", "angle": False, "value": 1.0, "source": "", "assumed": False, "above": 0.0},
     "PfaffianRow": lambda: {"coefficients": {"x": x}, "rhs": 0},
     "Product": lambda: {"parts": (hf.Box((-1,), (1,)), hf.Ball(1, 2))},
-    "Quantity": lambda: {"name": "x", "unit": "rad", "description": "", "angle": True},
+    "Quantity": lambda: {"name": "x", "unit": "rad", "description": "", "angle": True, "role": ""},
     "Region": lambda: {"name": "r", "reads": (hf.Quantity("x"),), "inequalities": (hf.Inequality("c", x),), "parameters": (), "scene": ()},
     "Starts": lambda: {"states": [{"x": 0.1}], "random": 1, "box": {"x": (-1.0, 1.0)}, "active": ()},
     "Switching": lambda: {

@@ -59,7 +59,7 @@ class Resting:
 
 
 def _place(best: RestingState) -> dict[str, Any]:
-    return {n: v for n, v in asdict(best).items() if n != "current"} | {"exists": best.exists}
+    return {n: v for n, v in asdict(best).items() if n != "current_names"} | {"exists": best.exists}
 
 
 def no_rest(scenario: Scenario) -> str:

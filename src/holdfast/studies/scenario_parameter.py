@@ -211,7 +211,7 @@ def _largest_current(scenario: Scenario | KernelScenario, data: Mapping[str, Any
     if bound is None or not isinstance(scenario, KernelScenario):
         raise ScenarioError(
             f"{scenario.file}: system '{scenario.system.name}' has no current"
-            + (" of a speed that is a number" if names else ""),
+            + (" whose speed is a number" if names else ""),
             expected=f"{' and '.join(names)} in [disturbance], or a kernel's current whose bounds "
             "are a multiple of one parameter"
             if names

@@ -11,7 +11,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.analysis.reachability.problem import definition
-from holdfast.errors import DefinitionError, RenamedWarning, ScenarioError
+from holdfast.errors import DefinitionError, GainWarning, RenamedWarning, ScenarioError
 from holdfast.maths.definitions.bounds import Ball, Box, Product
 from holdfast.maths.definitions.quantity import Quantity, symbol
 from holdfast.maths.definitions.system import System
@@ -314,3 +314,12 @@ def test_current_without_a_number_of_its_speed_is_refused_with_the_remedy(tmp_pa
         knob(tmp_path, KERNEL, kind=game, changes=plain)
     with pytest.raises(ScenarioError, match='disturbances of the role "current" that are added'):
         knob(tmp_path, STATION, changes=plain)
+
+
+def test_page_of_a_boat_has_its_current(tmp_path):
+    file = tmp_path / "boat.toml"
+    file.write_text(BOAT.format(kind="", limit="0.5") + STATION)
+    with pytest.warns(GainWarning, match="entering the ball is not proved"):
+        page = hf.explore(str(file))
+    assert '"given": ["wind_north", "wind_east"]' in page
+    assert '"current": ["wind_east", "wind_north"]' in page

@@ -46,7 +46,7 @@ class RestingState:
 
     state, inputs, disturbance: name -> value in SI units. margin: the least -c_j there, in the unit
     of c_j; below 0 it is outside. residual: the largest rate left. missing: empty for an
-    equilibrium in the region, else the reason why there is none. current: the names of the
+    equilibrium in the region, else the reason why there is none. current_names: those of the
     components of the current along x and y.
     """
 
@@ -56,7 +56,7 @@ class RestingState:
     margin: float
     residual: float
     missing: str = ""
-    current: tuple[str, ...] = ()
+    current_names: tuple[str, ...] = ()
 
     @property
     def exists(self) -> bool:
@@ -65,8 +65,8 @@ class RestingState:
     def words(self, units: Mapping[str, str]) -> str:
         """The disturbance: a current by its speed and direction, else number by number."""
         d = self.disturbance
-        if set(d) == set(self.current) != set():
-            vx, vy = (d[n] for n in self.current)
+        if set(d) == set(self.current_names) != set():
+            vx, vy = (d[n] for n in self.current_names)
             along = math.degrees(math.atan2(vy, vx))
             return f"a current of {math.hypot(*d.values()):.3g} m/s along {along:.4g} degrees"
         return ", ".join(f"{n} = {v:.3g} {units[n]}" for n, v in d.items()) or "no disturbance"
@@ -98,7 +98,7 @@ class Search:
         self.system, self.region, self.seed, self.starts = system, region, seed, starts
         self.states, self.inputs = len(system.states), len(system.inputs)
         self.box = self._box(box or {})
-        self.current = tuple(q.name for q in system.current_along("x", "y") or ())
+        self.current_names = tuple(q.name for q in system.current_along("x", "y") or ())
         of_place = {symbol(n): e for n, e in (field or {}).items()}
         felt = [of_place.get(q.symbol, q.symbol) for q in system.disturbances]
         rates = [system.rates[n].xreplace(of_place) for n in system.state_names]
@@ -335,7 +335,7 @@ class Search:
             margin=margin,
             residual=residual,
             missing=missing,
-            current=self.current,
+            current_names=self.current_names,
         )
 
 
