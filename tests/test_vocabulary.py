@@ -303,6 +303,9 @@ def test_a_former_argument_is_understood_for_a_release():
     assert former.kept.depth == hf.certify(line, region, halvings=1, **asked).kept.depth == 1
     with pytest.raises(ArgumentError, match="both 'halvings' and its former name 'refine'"):
         hf.certify(line, region, refine=1, halvings=1, **asked)
+    with pytest.warns(RenamedWarning, match="the argument 'starts' is now 'searches'"):
+        former = hf.resting_state(line, region, starts=2)
+    assert former == hf.resting_state(line, region, searches=2)
 
 
 @pytest.mark.parametrize(

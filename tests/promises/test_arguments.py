@@ -283,11 +283,11 @@ FUNCTIONS = {
     },
     "renamed": lambda: {"system": line(), "names": {"x": "z"}, "name": "other"},
     "resting_directions": lambda: {
-        "system": hf.systems.drifting_unicycle(), "region": end(), "speed": 0.1, "count": 2, "box": {"x": (-1, 1)}, "starts": 1,
+        "system": hf.systems.drifting_unicycle(), "region": end(), "speed": 0.1, "count": 2, "box": {"x": (-1, 1)}, "searches": 1,
         "seed": 0,
     },
     "resting_state": lambda: {
-        "system": line(), "region": end(), "disturbance": {"d": 0.1}, "box": {"x": (-1, 1)}, "starts": 1, "seed": 0,
+        "system": line(), "region": end(), "disturbance": {"d": 0.1}, "box": {"x": (-1, 1)}, "searches": 1, "seed": 0,
     },
     "safeguard": lambda: {
         "system": line(), "law": push_law(), "region": end(), "gains": (1.0, 4.0), "margins": {"end": 0.1},

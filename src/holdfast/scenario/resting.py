@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.safety.equilibria import RestingState, Search
+from holdfast.analysis.safety.equilibria import SEARCHES, RestingState, Search
 from holdfast.errors import DefinitionError, ScenarioError
 from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.quantity import TIME, symbol
@@ -20,7 +20,6 @@ from holdfast.maths.definitions.quantity import TIME, symbol
 if TYPE_CHECKING:
     from holdfast.scenario.kinds.closed_loop import Scenario
 
-STARTS = 16
 DRAWS = 180
 """Currents of drawn values that are tried: every two degrees of a direction."""
 
@@ -122,7 +121,7 @@ def _search(scenario: Scenario, drawn: Sequence[sp.Symbol] = ()) -> Search:
     assert scenario.region is not None
     numbers = {s: sp.Float(v) for s, v in _numbers(scenario).items() if s not in drawn}
     field = {n: e.xreplace(numbers) for n, e in _field(scenario).items()}
-    return Search(scenario.system, scenario.region, _box(scenario), STARTS, 0, field, drawn)
+    return Search(scenario.system, scenario.region, _box(scenario), SEARCHES, 0, field, drawn)
 
 
 def _field(scenario: Scenario) -> dict[str, sp.Expr]:

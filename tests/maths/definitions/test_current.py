@@ -217,7 +217,7 @@ def test_place_at_rest_is_told_in_the_words_of_a_current():
 def test_directions_at_rest_are_those_of_the_current_along_x_and_y():
     view = hf.regions.camera_view()
     box = {"x": (-3.0, -0.2), "y": (-2.0, 2.0), "psi": (-1.5, 1.5)}
-    ends = hf.resting_directions(with_winds(VEHICLE), view, 0.1, count=4, box=box, starts=2)
+    ends = hf.resting_directions(with_winds(VEHICLE), view, 0.1, count=4, box=box, searches=2)
     assert [
         (round(e.disturbance["wind_east"], 9), round(e.disturbance["wind_north"], 9)) for e in ends
     ] == [(0.1, 0.0), (0.0, 0.1), (-0.1, 0.0), (0.0, -0.1)]

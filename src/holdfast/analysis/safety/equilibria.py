@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import checked, renamed
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
@@ -85,17 +85,17 @@ class Search:
         system: System,
         region: Region,
         box: Mapping[str, tuple[float, float]] | None,
-        starts: int,
+        searches: int,
         seed: int,
         field: Mapping[str, sp.Expr] | None = None,
         drawn: Sequence[sp.Symbol] = (),
     ) -> None:
         check_reads(system, region)
-        if not starts >= 1:
-            raise DefinitionError(f"starts is {starts}", expected="at least 1")
+        if not searches >= 1:
+            raise DefinitionError(f"searches is {searches}", expected="at least 1")
         if seed < 0:
             raise DefinitionError(f"seed is {seed}", expected="0 or more")
-        self.system, self.region, self.seed, self.starts = system, region, seed, starts
+        self.system, self.region, self.seed, self.searches = system, region, seed, searches
         self.states, self.inputs = len(system.states), len(system.inputs)
         self.box = self._box(box or {})
         self.current_names = tuple(q.name for q in system.current_along("x", "y") or ())
@@ -135,7 +135,9 @@ class Search:
         numbers = {p.symbol: p.value for p in self.system.parameters}
         input_bounds = self.system.input_bounds
         rows = [] if input_bounds is None else input_bounds.at(numbers).half_spaces()
-        a = np.array([[float(e) for e in normal] for normal, _ in rows]).reshape(-1, self.inputs)
+        a = np.array([[float(e) for e in normal] for normal, _ in rows]).reshape(
+            len(rows), self.inputs
+        )
         return a, np.array([float(limit) for _, limit in rows])
 
     def of_points(self, points: Array, d: Array) -> Values:
@@ -297,9 +299,9 @@ class Search:
             ratio = (1.0 + ratio) ** (1.0 / (self.states + 1))
         alpha = ratio ** -np.arange(1.0, self.states + 1)
         offset = np.random.default_rng(self.seed).random(self.states) if self.seed else 0.5
-        points = (offset + np.arange(self.starts)[:, None] * alpha) % 1.0
+        points = (offset + np.arange(self.searches)[:, None] * alpha) % 1.0
         low, high = self.box[:, 0], self.box[:, 1]
-        begin = np.zeros((self.starts, width))
+        begin = np.zeros((self.searches, width))
         begin[:, : self.states] = low + points * (high - low)
         return list(begin)
 
@@ -346,9 +348,10 @@ def _rank(resting: RestingState) -> tuple[bool, float, float]:
     return False, -max(resting.residual, EXACT), resting.margin
 
 
-STARTS = 16
+SEARCHES = 16
 
 
+@renamed(starts="searches")
 @checked
 def resting_state(
     system: System,
@@ -356,17 +359,17 @@ def resting_state(
     disturbance: Mapping[str, float | sp.Expr] | None = None,
     *,
     box: Mapping[str, tuple[float, float]] | None = None,
-    starts: int = STARTS,
+    searches: int = SEARCHES,
     seed: int = 0,
 ) -> RestingState:
     """Where `system` rests in `region` in a steady disturbance d, as far inside as can be.
 
         maximise t   subject to   f(q, u, d(q)) = 0,   c_j(q) + t <= 0 for every j,   u in bounds
 
-    A local solver (SLSQP, derivatives of the same expressions) begins at `starts` points of an even
-    sequence over `box`: state -> (lowest, highest), unless given [-1, 1] in SI units and a whole
-    turn of an angle. The answer is verified by its own rates, constraints and bounds. It is the
-    best of the local ones: another may exist, and none found does not prove that there is none.
+    A local solver (SLSQP, derivatives of the same expressions) begins at `searches` points of an
+    even sequence over `box`: state -> (lowest, highest), unless given [-1, 1] in SI units and a
+    whole turn of an angle. The answer is verified by its own rates, constraints and bounds. It is
+    the best of the local ones: another may exist, and none found does not prove that there is none.
     c_j of different units count alike, 1 m as 1 rad. disturbance: name -> number, or expression of
     the states and parameters (a field, such as an eddy); those left out are 0.
 
@@ -374,9 +377,10 @@ def resting_state(
     region of other states, and inputs whose bounds are no half-spaces.
     """
     field, numbers = _disturbance(system, disturbance)
-    return Search(system, region, box, starts, seed, field).solve(numbers, [])
+    return Search(system, region, box, searches, seed, field).solve(numbers, [])
 
 
+@renamed(starts="searches")
 @checked
 def resting_directions(
     system: System,
@@ -385,7 +389,7 @@ def resting_directions(
     *,
     count: int = 360,
     box: Mapping[str, tuple[float, float]] | None = None,
-    starts: int = STARTS,
+    searches: int = SEARCHES,
     seed: int = 0,
 ) -> tuple[RestingState, ...]:
     """`resting_state` for a current of one speed in `count` directions of its plane.
@@ -406,7 +410,7 @@ def resting_directions(
         raise DefinitionError(f"speed is {speed:g}", expected="0 or more")
     if not count >= 1:
         raise DefinitionError(f"count is {count}", expected="at least 1")
-    search = Search(system, region, box, starts, seed)
+    search = Search(system, region, box, searches, seed)
     answers: list[RestingState] = []
     last: list[Array] = []
     for theta in 2 * math.pi * np.arange(count) / count:

@@ -222,7 +222,7 @@ class Quantity:
             raise DefinitionError(
                 f"angle '{self.name}' has unit '{self.unit}'", expected="unit 'rad'"
             )
-        if self.role not in get_args(Role):
+        if not isinstance(self.role, str) or self.role not in get_args(Role):
             roles = " or ".join(f"'{role}'" for role in get_args(Role) if role)
             raise DefinitionError(
                 f"'{self.name}' has the role {self.role!r}", expected=f"{roles}, or none"
