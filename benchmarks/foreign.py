@@ -180,7 +180,7 @@ def inspection(boat: Boat, numbers: dict[str, float], estimate: bool) -> Any:
         sets += [
             f"system.unmodelled={{ tau_u = [{-push}, {push}], tau_r = [{-turn}, {turn}] }}",
             "observer.bandwidth=4.0",
-            "safeguard.measured=true",
+            "safeguard.disturbance_measured=true",
         ]
     sets.append("safeguard.uncertain=")  # of another vehicle
     return hf.load_scenario("inspection", sets)

@@ -49,7 +49,7 @@ def vertices(seed: int, starts: int, *more: str) -> Scenario:
 
 
 CURRENT = (
-    "system.current_limit=0.1", "safeguard.measured=true", "starts.states=[]",
+    "system.current_limit=0.1", "safeguard.disturbance_measured=true", "starts.states=[]",
     'varied.draws.direction={ range = ["-180 deg", "180 deg"], unit = "rad" }',
 )  # fmt: skip
 """A measured current of 0.1 m/s in a random direction."""

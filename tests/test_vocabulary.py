@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+from importlib import resources
 from typing import ForwardRef
 
 import pytest
@@ -129,18 +130,34 @@ TABLES = {
         {},
         {"antiderivatives": "of Python and of catalogue entries"},
     ),
-    "a state": (schema.QuantitySpec, [hf.Quantity], {}, {"name": "the key"}),
+    "a state": (
+        schema.QuantitySpec,
+        [hf.Quantity],
+        {},
+        {"name": "the key", "role": "of disturbances alone"},
+    ),
+    "a disturbance": (
+        schema.DisturbanceSpec,
+        [hf.Quantity],
+        {"bounds": "of the whole system in Python"},
+        {"name": "the key", "angle": "of states alone"},
+    ),
     "a parameter": (
         values.ParameterSpec,
         [hf.Parameter],
         {},
-        {"name": "the key", "angle": "of states alone", "above": "of catalogue entries alone"},
+        {
+            "name": "the key",
+            "angle": "of states alone",
+            "role": "of disturbances alone",
+            "above": "of catalogue entries alone",
+        },
     ),
     "a measurement": (
         schema.MeasurementSpec,
         [hf.Measurement],
         {},
-        {"name": "the key", "angle": "of states alone"},
+        {"name": "the key", "angle": "of states alone", "role": "of disturbances alone"},
     ),
     "[law]": (
         schema.LawSpec,
@@ -286,6 +303,43 @@ def test_a_former_argument_is_understood_for_a_release():
     assert former.kept.depth == hf.certify(line, region, halvings=1, **asked).kept.depth == 1
     with pytest.raises(ArgumentError, match="both 'halvings' and its former name 'refine'"):
         hf.certify(line, region, refine=1, halvings=1, **asked)
+    with pytest.warns(RenamedWarning, match="the argument 'starts' is now 'searches'"):
+        former = hf.resting_state(line, region, starts=2)
+    assert former == hf.resting_state(line, region, searches=2)
+
+
+@pytest.mark.parametrize(
+    "function", [hf.safeguard, hf.SafetyFilter, hf.laws.hold_station, hf.laws.steer_marine]
+)
+def test_whether_the_disturbance_is_measured_has_a_word_of_its_own(function):
+    """`measured` is a list of names everywhere: of an observer, of a log."""
+    taken = inspect.signature(function).parameters
+    assert "measured" not in taken
+    assert taken["disturbance_measured"].default is False
+    with (
+        pytest.warns(RenamedWarning, match="the argument 'measured' is now 'disturbance_measured'"),
+        pytest.raises(ArgumentError, match="missing a required argument: 'system'"),
+    ):
+        function(measured=True)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "table"),
+    [("ch5-current", "law"), ("ch3-veering-current", "law"), ("inspection-tide", "safeguard")],
+)
+def test_former_key_of_a_measured_disturbance_is_understood_with_a_warning(
+    scenario, table, tmp_path
+):
+    shipped = load_scenario(scenario)
+    text = (resources.files("holdfast.scenarios") / f"{scenario}.toml").read_text("utf-8")
+    assert text.count("disturbance_measured = true") == 1
+    mine = tmp_path / "mine.toml"
+    mine.write_text(text.replace("disturbance_measured", "measured"))
+    with pytest.warns(RenamedWarning, match="the key 'measured' is now 'disturbance_measured'"):
+        former = load_scenario(str(mine))
+    assert former.law == shipped.law
+    with pytest.raises(ScenarioError, match=f"{table}.*'measured'"):
+        load_scenario(scenario, [f"{table}.measured=true"])
 
 
 def test_options_are_typed():

@@ -57,28 +57,45 @@ def checked(of: T) -> T:
     return _checked(of, name)  # type: ignore[return-value]
 
 
+FORMER = "former_names"
+"""The attribute of a function with the former names of its arguments."""
+
+
 def renamed(**names: str) -> Callable[[T], T]:
     """Decorate a function: former names of arguments warn, and go with the next release."""
 
     def decorated(function: T) -> T:
         @wraps(function)
         def call(*positional: Any, **named: Any) -> Any:
-            for former, now in names.items():
-                if former in named:
-                    if now in named:
-                        raise ArgumentError(f"both '{now}' and its former name '{former}'")
-                    named[now] = named.pop(former)
-                    warnings.warn(
-                        f"the argument '{former}' is now '{now}'; the former goes with the next "
-                        "release",
-                        RenamedWarning,
-                        stacklevel=2,
-                    )
-            return function(*positional, **named)
+            return function(*positional, **by_present_names(call, named))
 
+        setattr(call, FORMER, names)
         return call  # type: ignore[return-value]
 
     return decorated
+
+
+def by_present_names(
+    function: Callable[..., Any], arguments: Mapping[str, Any], what: str = "argument"
+) -> dict[str, Any]:
+    """Arguments of a `renamed` function by their present names; each former one warns.
+
+    what: what the arguments are where they are written. Raises `ArgumentError` for one that has
+    both names.
+    """
+    present = dict(arguments)
+    for former, now in getattr(function, FORMER, {}).items():
+        if former not in present:
+            continue
+        if now in present:
+            raise ArgumentError(f"both '{now}' and its former name '{former}'")
+        present[now] = present.pop(former)
+        warnings.warn(
+            f"the {what} '{former}' is now '{now}'; the former goes with the next release",
+            RenamedWarning,
+            stacklevel=3,
+        )
+    return present
 
 
 def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:

@@ -628,7 +628,7 @@ def test_settings_that_do_not_fit_are_refused(keep):
     for text in ("tcp:127.0.0.1:5760", "udpin:127.0.0.1", "udpin:127.0.0.1:70000", ""):
         with pytest.raises(SimulationError, match="is no connection"):
             Port(text)
-    measuring = hf.SafetyFilter(keep.system, keep.keep, gains=(1.5, 8), measured=True)
+    measuring = hf.SafetyFilter(keep.system, keep.keep, gains=(1.5, 8), disturbance_measured=True)
     with pytest.raises(SimulationError, match="the filter measures Vx, Vy"):
         SafetyComponent(measuring, commands)
     for settings in ({"hold": 0.1}, {"system": 0}, {"component": 300}, {"hold": math.inf}):

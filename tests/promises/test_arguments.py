@@ -283,15 +283,15 @@ FUNCTIONS = {
     },
     "renamed": lambda: {"system": line(), "names": {"x": "z"}, "name": "other"},
     "resting_directions": lambda: {
-        "system": hf.systems.drifting_unicycle(), "region": end(), "speed": 0.1, "count": 2, "box": {"x": (-1, 1)}, "starts": 1,
+        "system": hf.systems.drifting_unicycle(), "region": end(), "speed": 0.1, "count": 2, "box": {"x": (-1, 1)}, "searches": 1,
         "seed": 0,
     },
     "resting_state": lambda: {
-        "system": line(), "region": end(), "disturbance": {"d": 0.1}, "box": {"x": (-1, 1)}, "starts": 1, "seed": 0,
+        "system": line(), "region": end(), "disturbance": {"d": 0.1}, "box": {"x": (-1, 1)}, "searches": 1, "seed": 0,
     },
     "safeguard": lambda: {
         "system": line(), "law": push_law(), "region": end(), "gains": (1.0, 4.0), "margins": {"end": 0.1},
-        "scales": {"u": 1.0}, "measured": False,
+        "scales": {"u": 1.0}, "disturbance_measured": False,
     },
     "safety_law": lambda: {
         "system": line(), "value": value(), "law": push_law(), "rate": 2.0, "margin": 0.1, "sample_time": 0.02, "delay": 0.0,
@@ -370,7 +370,7 @@ CLASSES = {
     "Relay": lambda: {"keep": keeper(), "patience": 0.25},
     "SafetyFilter": lambda: {
         "system": line(), "keep": end(), "sample_time": 0.02, "delay": 0.0, "rate": None, "margin": None, "gains": (1.0, 4.0),
-        "margins": {"end": 0.1}, "constraints": None, "measured": False, "states": None, "bandwidth": 2.0, "scales": {"u": 1.0}, "rates": {"x": 1.0},
+        "margins": {"end": 0.1}, "constraints": None, "disturbance_measured": False, "states": None, "bandwidth": 2.0, "scales": {"u": 1.0}, "rates": {"x": 1.0},
         "fallback": [0.0], "around": line(),
     },
     "Inequality": lambda: {"name": "c", "expression": x - 1, "unit": "m", "description": ""},
@@ -389,7 +389,7 @@ CLASSES = {
     "Parameter": lambda: {"name": "k", "unit": "1", "description": "", "angle": False, "value": 1.0, "source": "", "assumed": False, "above": 0.0},
     "PfaffianRow": lambda: {"coefficients": {"x": x}, "rhs": 0},
     "Product": lambda: {"parts": (hf.Box((-1,), (1,)), hf.Ball(1, 2))},
-    "Quantity": lambda: {"name": "x", "unit": "rad", "description": "", "angle": True},
+    "Quantity": lambda: {"name": "x", "unit": "rad", "description": "", "angle": True, "role": ""},
     "Region": lambda: {"name": "r", "reads": (hf.Quantity("x"),), "inequalities": (hf.Inequality("c", x),), "parameters": (), "scene": ()},
     "Starts": lambda: {"states": [{"x": 0.1}], "random": 1, "box": {"x": (-1.0, 1.0)}, "active": ()},
     "Switching": lambda: {

@@ -117,7 +117,9 @@ def test_program_is_told_the_states_of_the_model_and_not_the_lag_of_actuators(mi
 
 def test_estimate_that_the_filter_does_not_use_is_refused(mine):
     sets = ["system.unmodelled={ tau_u = [-3, 3] }", "observer={}"]
-    with pytest.raises(ScenarioError, match="measured = true"):
+    with pytest.raises(ScenarioError, match="disturbance_measured = true"):
         hf.load_scenario(str(mine / "mine.toml"), sets)
-    counted = hf.load_scenario(str(mine / "mine.toml"), [*sets, "safeguard.measured=true"])
+    counted = hf.load_scenario(
+        str(mine / "mine.toml"), [*sets, "safeguard.disturbance_measured=true"]
+    )
     assert counted.safety_filter().measured_states == counted.model.state_names

@@ -92,7 +92,7 @@ def test_vehicle_carried_through_the_ball_turns_back_at_twenty_centimetres():
     given = {p.name: p.value for p in scenario.law.modes["push"].parameters}
     names = ("r0", "r1", "k1", "k2", "k3", "k4", "k5", "lam", "speed_limit", "turn_limit")
     gains = {n: given[n] for n in names}
-    without = hf.laws.hold_station(scenario.system, measured=True, **gains)
+    without = hf.laws.hold_station(scenario.system, disturbance_measured=True, **gains)
     result = hf.simulate(
         scenario.system,
         hf.track_velocity(scenario.system, without, {"u": given["k_u"], "r": given["k_r"]}),

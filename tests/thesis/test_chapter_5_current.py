@@ -52,7 +52,10 @@ def test_law_in_a_current_is_the_nominal_one_with_the_ground_track_in_the_rate_o
     vehicle,
 ):
     """(5.31): gamma_1 is (5.18a); gamma_2 gains grad(phi) . (Vx, Vy), which Lemma 3 needs."""
-    told, still = hf.laws.steer_marine(vehicle, measured=True), hf.laws.steer_marine(vehicle)
+    told, still = (
+        hf.laws.steer_marine(vehicle, disturbance_measured=True),
+        hf.laws.steer_marine(vehicle),
+    )
     assert told.outputs["u"] == still.outputs["u"]
     assert sp.expand(told.outputs["r"] - still.outputs["r"]).free_symbols >= {VX, VY}
     kinematic = hf.promote(vehicle, ("u", "r"))
@@ -76,7 +79,7 @@ def wrap_argument(expression):
 @pytest.mark.parametrize("measured", [True, False])
 def test_tracked_forces_are_those_of_5_36_and_5_37(vehicle, measured):
     """With the sway's own rate in grad(gamma_2), which (5.37b) leaves out (E8)."""
-    law = hf.laws.steer_marine(vehicle, measured=measured)
+    law = hf.laws.steer_marine(vehicle, disturbance_measured=measured)
     forces = hf.track_velocity(vehicle, law, {"u": 5.0, "r": 10.0}).outputs
     p = {q.name: q.symbol for q in vehicle.parameters}
     m11, m22, m33 = p["mass"] - p["Xudot"], p["mass"] - p["Yvdot"], p["Iz"] - p["Nrdot"]
@@ -190,7 +193,10 @@ def test_angular_and_tangent_forms_ask_the_same_of_the_inputs_in_a_current(vehic
 def test_redesign_in_a_current_blends_velocities_relative_to_the_water(vehicle):
     """(5.39)-(5.41): the same blend; of its laws only r_conv knows of the current."""
     region = hf.regions.camera_view()
-    go, face = hf.laws.steer_marine(vehicle, measured=True), hf.laws.face_target(vehicle)
+    go, face = (
+        hf.laws.steer_marine(vehicle, disturbance_measured=True),
+        hf.laws.face_target(vehicle),
+    )
     near, far = hf.laws.back_off(go), hf.laws.move_ahead(go)
     viable = {"edge_low": face, "edge_high": face, "too_near": near, "too_far": far}
     layers = dict.fromkeys(region.inequality_names, (-0.12, -0.04))
@@ -230,7 +236,7 @@ def test_bound_is_exact_in_every_direction_of_the_current(vehicle, speed, bound)
     And Lemma 4: the vehicle ends along the current, modulo pi.
     """
     assert ultimate_bound(K1, MU, speed) == pytest.approx(bound, abs=5e-5)
-    law = hf.laws.steer_marine(vehicle, measured=True)
+    law = hf.laws.steer_marine(vehicle, disturbance_measured=True)
     for direction in (0.0, 60.0, 135.0, 180.0):
         angle = math.radians(direction)
         draws = {"speed": (speed, speed), "direction": (angle, angle)}
@@ -244,7 +250,7 @@ def test_bound_is_exact_in_currents_drawn_at_random_whether_the_law_is_told_of_t
     draws = {"speed": (0.005, 0.15), "direction": (-math.pi, math.pi)}
     ends = {}
     for measured in (True, False):
-        law = hf.laws.steer_marine(vehicle, measured=measured)
+        law = hf.laws.steer_marine(vehicle, disturbance_measured=measured)
         data = in_current(vehicle, law, somewhere(200), draws, horizon=800.0)
         bound = [ultimate_bound(K1, MU, s) for s in data["varied"].values[:, 0]]
         assert from_goal(data)[:, -1] == pytest.approx(bound, rel=1e-3)
@@ -254,7 +260,7 @@ def test_bound_is_exact_in_currents_drawn_at_random_whether_the_law_is_told_of_t
 
 def test_vehicle_ends_before_or_behind_the_pose_by_where_it_starts(vehicle):
     """Lemma 4 has psi_e = beta_c +- pi; with beta_c = 135 degrees both ends are reached."""
-    law = hf.laws.steer_marine(vehicle, measured=True)
+    law = hf.laws.steer_marine(vehicle, disturbance_measured=True)
     angle = math.radians(135)
     draws = {"speed": (0.05, 0.05), "direction": (angle, angle)}
     end = in_current(vehicle, law, somewhere(60), draws)["state"].values[:, -1]
@@ -286,7 +292,10 @@ def test_heading_settles_in_a_current_on_either_side_of_the_gain_limit(vehicle, 
     draws = {"speed": (0.05, 0.05), "direction": (-math.pi, math.pi)}
     with pytest.warns(hf.GainWarning) if share > 1 else contextlib.nullcontext():
         data = in_current(
-            vehicle, hf.laws.steer_marine(vehicle, k1=k1, measured=True), somewhere(60), draws
+            vehicle,
+            hf.laws.steer_marine(vehicle, k1=k1, disturbance_measured=True),
+            somewhere(60),
+            draws,
         )
     angle = data["varied"].values[:, 1]
     assert np.abs(np.sin(data["state"].values[:, -1, 2] - angle)).max() < 0.01
@@ -295,7 +304,7 @@ def test_heading_settles_in_a_current_on_either_side_of_the_gain_limit(vehicle, 
 
 def turning(vehicle, measured, rate):
     """The largest distance after the transient, over that of a constant current."""
-    law = hf.laws.steer_marine(vehicle, measured=measured)
+    law = hf.laws.steer_marine(vehicle, disturbance_measured=measured)
     draws = {"speed": (0.05, 0.05), "direction": (-math.pi, math.pi), "turn": (rate, rate)}
     data = in_current(
         vehicle, law, somewhere(30), draws, DIRECTION + TURN * hf.TIME, 1600.0, record_every=0.5
@@ -326,7 +335,7 @@ def test_current_that_jumps_pushes_the_vehicle_far_beyond_the_bound(vehicle):
     draws = {"speed": (0.05, 0.05), "direction": (-math.pi, math.pi)}
     worst = {}
     for measured in (True, False):
-        law = hf.laws.steer_marine(vehicle, measured=measured)
+        law = hf.laws.steer_marine(vehicle, disturbance_measured=measured)
         data = in_current(vehicle, law, somewhere(40), draws, angle, 1200.0, record_every=0.2)
         tail = from_goal(data)[:, data["time"].values > 300]
         worst[measured] = tail.max() / ultimate_bound(K1, MU, 0.05)
@@ -369,7 +378,7 @@ def test_target_stays_in_view_at_rest_only_in_a_narrow_window_of_directions(spee
 
 
 def test_resting_pose_is_where_the_vehicle_ends(vehicle):
-    law = hf.laws.steer_marine(vehicle, measured=True)
+    law = hf.laws.steer_marine(vehicle, disturbance_measured=True)
     for angle in (0.0, 0.3, -0.6):
         draws = {"speed": (0.05, 0.05), "direction": (math.pi + angle, math.pi + angle)}
         end = in_current(vehicle, law, np.array([[-1.5, -0.2, 0.1, 0.0]]), draws)["state"].values[
@@ -411,7 +420,7 @@ def test_convergent_law_alone_keeps_no_view_in_a_current_thirty_degrees_off():
     ]
     scenario = hf.load_scenario(
         "ch5-leaves-view",
-        [ARM, "system.current_limit=0.05", "law.measured=true", *changes],
+        [ARM, "system.current_limit=0.05", "law.disturbance_measured=true", *changes],
         runs=200,
     )
     data = scenario.run().dataset

@@ -427,6 +427,7 @@ def _described(shown: Explored) -> dict[str, Any]:
         "inputs": [_quantity(q) for q in system.inputs],
         "disturbances": [_quantity(q) for q in system.disturbances],
         "given": _given(shown), "most": _most(shown), "most_current": MOST_CURRENT,
+        "current": [q.name for q in system.current_along(*shown.plane) or ()],
         "constraints": [list(c) for c in loop.program.constraints],
         "plane": [system.state_names.index(n) for n in shown.plane],
         "disturbance": list(loop.program.given),

@@ -9,18 +9,13 @@ from typing import Any
 
 from holdfast.analysis.reachability.problem import largest_factor
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import in_base_units
 from holdfast.maths.expressions.numeric import Expression, constant, multiple_of_name, norm
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.kinds.kernel import KernelScenario
 
 CURRENT = "current.speed"
-VELOCITIES, LIMIT = ("Vx", "Vy"), "current_limit"
-"""The names of the current, and of its largest speed, in the systems of the catalogue."""
-
-TOLD = ("current_x", "current_y")
-"""The names of the believed or measured current in their laws."""
-
 DRAWS = "varied.draws."
 TIMES = ("horizon", "sample_time", "record_every", "delay")
 
@@ -139,9 +134,10 @@ def _unit(scenario: Scenario | KernelScenario, key: str) -> str:
 
 
 def _current(scenario: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
-    felt = {n: scenario.given[n] for n in VELOCITIES if n in scenario.given}
+    names = [q.name for q in scenario.system.current]
+    felt = {n: scenario.given[n] for n in names if n in scenario.given}
     if not felt:
-        return _largest_current(scenario)
+        return _largest_current(scenario, data)
     size = norm(felt.values())
     named = multiple_of_name(size)
     if named is not None:
@@ -157,11 +153,11 @@ def _current(scenario: Scenario | KernelScenario, data: Mapping[str, Any]) -> Kn
     if not speed:
         raise ScenarioError(
             f"{scenario.file}: disturbance: the prescribed current is zero and has no direction",
-            remedy="give it a speed: --set disturbance.Vy=0.1",
+            remedy=f"give it a speed: --set disturbance.{names[-1]}=0.1",
         )
     shares = {f"disturbance.{n}": float(e) / speed for n, e in felt.items()}
     law = data.get("law", {})
-    for parameter, n in zip(TOLD, VELOCITIES, strict=True):
+    for n, parameter in _believed(scenario).items():
         value = law.get(parameter)
         if isinstance(value, int | float) and value == felt.get(n, 0):
             shares[f"law.{parameter}"] = float(value) / speed
@@ -171,6 +167,16 @@ def _current(scenario: Scenario | KernelScenario, data: Mapping[str, Any]) -> Kn
         return tuple(f"{key}={wanted * share!r}" for key, share in shares.items())
 
     return Knob(CURRENT, "current", "m/s", speed, settings, _limit(scenario, felt, speed))
+
+
+def _believed(scenario: Scenario | KernelScenario) -> dict[str, str]:
+    """Component of the current -> the parameter of the law that is what it believes of it."""
+    if scenario.law is None:
+        return {}
+    modes = (scenario.law,) if isinstance(scenario.law, Law) else scenario.law.modes.values()
+    pairs = {n: e for mode in modes for n, e in mode.believed.items()}
+    names = {q.name for q in scenario.system.current}
+    return {n: e.name for n, e in pairs.items() if n in names and e.is_Symbol}
 
 
 def _limit(
@@ -197,20 +203,33 @@ def _owner(data: Mapping[str, Any], name: str) -> str:
     return f"{DRAWS}{name}" if f"{DRAWS}{name}" in dict(_numbers(data, "")) else name
 
 
-def _largest_current(scenario: Scenario | KernelScenario) -> Knob:
+def _largest_current(scenario: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
     """The bound of an unknown current of a kernel."""
-    limits = [q for q in scenario.system.parameters if q.name == LIMIT]
-    felt = scenario.system.disturbance_bounds
-    bounded = limits and felt is not None and limits[0].symbol in felt.free_symbols
-    if not (bounded and isinstance(scenario, KernelScenario)):
+    names = [q.name for q in scenario.system.current]
+    fastest = scenario.system.largest_current
+    bound = None if fastest is None else multiple_of_name(fastest)
+    if bound is None or not isinstance(scenario, KernelScenario):
         raise ScenarioError(
-            f"{scenario.file}: system '{scenario.system.name}' has no current",
-            expected=f"disturbances {' and '.join(VELOCITIES)} in [disturbance], or '{LIMIT}'",
-            remedy="prescribe one: --set disturbance.Vy=0.1"
-            if bounded
+            f"{scenario.file}: system '{scenario.system.name}' has no current"
+            + (" whose speed is a number" if names else ""),
+            expected=f"{' and '.join(names)} in [disturbance], or a kernel's current whose bounds "
+            "are a multiple of one parameter"
+            if names
+            else 'disturbances of the role "current"',
+            remedy=f"prescribe one: --set disturbance.{names[-1]}=0.1"
+            if names
             else "name the key of a number",
         )
-    return Knob(CURRENT, "current", "m/s", limits[0].value, lambda v: (f"system.{LIMIT}={v!r}",))
+    factor, name = bound
+    return _made_of(find_knob(scenario, data, _key_of_parameter(data, name)), factor)
+
+
+def _key_of_parameter(data: Mapping[str, Any], name: str) -> str:
+    """The key of a parameter of the system: of one that is written by expressions, or of an entry
+    of the catalogue."""
+    written = dict(_numbers(data, ""))
+    keys = (f"system.parameters.{name}", f"system.parameters.{name}.value")
+    return next((key for key in keys if key in written), f"system.{name}")
 
 
 UNUSED = ("scenario", "figures", "compare", "kernels")

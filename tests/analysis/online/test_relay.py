@@ -102,7 +102,7 @@ def test_measured_disturbance_is_needed_and_reaches_the_filter():
         input_bounds=hf.Box((-1,), (1,)), disturbance_bounds=hf.Box((-0.5,), (0.5,)),
     )  # fmt: skip
     end = hf.Region("end", cart.states, (hf.Inequality("end", hf.symbol("x") - 1),))
-    relay = hf.Relay(hf.SafetyFilter(cart, end, measured=True))
+    relay = hf.Relay(hf.SafetyFilter(cart, end, disturbance_measured=True))
     with pytest.raises(SimulationError, match="disturbance"):
         relay.measured([0.9], 0.0)
     found = []

@@ -299,7 +299,7 @@ def test_disturbances_that_are_measured_are_asked_for():
         "near", (hf.Quantity("x", "m"), hf.Quantity("y", "m")),
         (hf.Inequality("far", x**2 + y**2 - 1, "m^2"),),
     )  # fmt: skip
-    keeper = hf.SafetyFilter(robot, near, measured=True)
+    keeper = hf.SafetyFilter(robot, near, disturbance_measured=True)
     with pytest.raises(SimulationError, match="the law measures Vx, Vy; expected disturbance="):
         keeper.step([0.9, 0, 0], [0.0, 0.0])
     still, pushed = (

@@ -113,7 +113,7 @@ def test_disturbance_that_the_filter_measures_has_to_come_with_the_state():
         input_bounds=hf.Box((-1,), (1,)), disturbance_bounds=hf.Box((-0.5,), (0.5,)),
     )  # fmt: skip
     end = hf.Region("end", cart.states, (hf.Inequality("end", hf.symbol("x") - 1),))
-    samples = SampleLines(hf.SafetyFilter(cart, end, measured=True))
+    samples = SampleLines(hf.SafetyFilter(cart, end, disturbance_measured=True))
     said = {"state": {"x": 0.9}, "command": {"u": 1.0}}
     with pytest.raises(SimulationError, match="the disturbance lacks d"):
         samples.answer(json.dumps(said).encode())

@@ -142,7 +142,7 @@ def test_car_without_bounds_of_its_inputs_rests_anywhere(view):
 def test_half_plane_has_no_place_farthest_inside(name):
     x = hf.symbol("x")
     half = hf.Region("half", (hf.Quantity("x", "m"),), (hf.Inequality("wall", x, "m"),))
-    found = hf.resting_state(getattr(hf.systems, name)(), half, starts=4)
+    found = hf.resting_state(getattr(hf.systems, name)(), half, searches=4)
     assert not found.exists
     assert "unbounded" in found.missing
 
@@ -153,7 +153,7 @@ def test_bad_input_is_refused(vehicle, view):
         (lambda: hf.resting_state(vehicle, view, {"Vx": math.nan}), "finite"),
         (lambda: hf.resting_state(vehicle, view, box={"z": (0, 1)}), "not a state"),
         (lambda: hf.resting_state(vehicle, view, box={"x": (1, 0)}), "lowest"),
-        (lambda: hf.resting_state(vehicle, view, starts=0), "at least 1"),
+        (lambda: hf.resting_state(vehicle, view, searches=0), "at least 1"),
         (lambda: hf.resting_directions(hf.systems.unicycle(), view, 0.1), "two, as a current"),
         (lambda: hf.resting_directions(vehicle, view, -0.1), "0 or more"),
         (lambda: hf.resting_directions(vehicle, view, 0.1, count=0), "at least 1"),
@@ -209,3 +209,13 @@ def test_field_that_pushes_to_the_wall_everywhere_and_one_of_time_have_no_place_
         hf.resting_state(vehicle, view, {"Vx": 0.1 * hf.symbol("x") * hf.TIME})
     with pytest.raises(DefinitionError, match="finite number"):
         hf.resting_state(vehicle, view, {"Vx": math.inf})
+
+
+def test_system_without_inputs_rests_where_its_rates_vanish():
+    x = hf.symbol("x")
+    ball = hf.System("ball", (hf.Quantity("x", "m"),), (), {"x": 0.25 - x})
+    near = hf.Region("near", ball.states, (hf.Inequality("far", x - 1, "m"),))
+    rest = hf.resting_state(ball, near)
+    assert rest.exists
+    assert rest.state["x"] == pytest.approx(0.25)
+    assert rest.margin == pytest.approx(0.75)

@@ -122,7 +122,7 @@ def test_goal_of_a_law_that_says_where_it_goes_is_checked_unasked(vehicle, chang
 def test_every_mode_is_told_what_one_law_is_told(vehicle):
     """(5.37): the forces of every mode take the current into account, or none does."""
     for measured in (True, False):
-        safe = of_the_camera(vehicle, measured=measured)
+        safe = of_the_camera(vehicle, disturbance_measured=measured)
         assert {*safe.modes} == {"pursue", "protect", "hold"}
         for law in hf.track_velocity(vehicle, safe, {"u": 5.0, "r": 10.0}).modes.values():
             assert ({"Vx", "Vy"} <= {q.name for q in law.reads}) == measured
@@ -178,7 +178,7 @@ def test_redesign_of_a_file_as_printed_is_that_of_python(vehicle):
     [
         lambda v: hf.laws.face_target(v, as_printed=1),
         lambda v: hf.laws.back_off(hf.laws.steer_marine(v), as_printed="yes"),
-        lambda v: hf.laws.steer_marine(v, measured=None),
+        lambda v: hf.laws.steer_marine(v, disturbance_measured=None),
         lambda v: hf.redesign(GO, LINE, viable=VIABLE, layers=LAYERS, as_printed="no"),
     ],
 )
@@ -192,7 +192,7 @@ def test_law_cannot_measure_a_current_that_the_system_does_not_have():
     states = tuple(hf.Quantity(n) for n in bare)
     system = hf.System("still", states, (hf.Quantity("a"),), dict.fromkeys(bare, hf.symbol("a")))
     with pytest.raises(DefinitionError):
-        hf.laws.steer_marine(system, measured=True)
+        hf.laws.steer_marine(system, disturbance_measured=True)
 
 
 def test_tracked_velocities_approach_the_commanded_ones_exponentially(vehicle):

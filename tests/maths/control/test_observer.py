@@ -57,7 +57,9 @@ def guarded(vehicle):
     law = hf.track_velocity(vehicle, hf.laws.inspect_target(vehicle), {"u": 5.0, "r": 10.0})
     view = hf.regions.camera_view()
     margins = {"edge_low": 0.02, "edge_high": 0.02, "too_near": 0.01, "too_far": 0.02}
-    return view, hf.safeguard(vehicle, law, view, gains=(2, 6), margins=margins, measured=True)
+    return view, hf.safeguard(
+        vehicle, law, view, gains=(2, 6), margins=margins, disturbance_measured=True
+    )
 
 
 def test_vehicle_that_knows_its_pose_alone_finds_the_current_and_keeps_the_view(vehicle, guarded):

@@ -343,7 +343,7 @@ def test_filter_of_a_kernel_has_no_box(craft):
         DefinitionError, match="uncertain is given, which a kernel's filter has not"
     ):
         _check_options(True, False, uncertain={"m": (1, 2)}, gains=None, margins=None,
-                       constraints=None, measured=False, worst=())  # fmt: skip
+                       constraints=None, disturbance_measured=False, worst=())  # fmt: skip
 
 
 def test_scenario_reads_the_box_in_units_and_refuses_by_its_key():

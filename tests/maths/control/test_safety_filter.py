@@ -238,7 +238,7 @@ def safe_states(system, boundary, count, seed=0):
 @pytest.mark.parametrize("measured", [False, True])
 def test_rows_are_those_of_the_regulation_map_of_the_same_gains(vehicle, tracked, view, measured):
     """At random states, in a current: conditions row by row, the polytope corner by corner."""
-    law = hf.safeguard(vehicle, tracked, view, gains=(0.7, 3.0), measured=measured)
+    law = hf.safeguard(vehicle, tracked, view, gains=(0.7, 3.0), disturbance_measured=measured)
     guard, names = law.safeguard, vehicle.input_names
     boundary = hf.Boundary(vehicle, view)
     states = safe_states(vehicle, boundary, 40)
@@ -337,7 +337,7 @@ def in_current(vehicle, law, region, low, high):
 
 
 def test_measured_current_is_allowed_for_whatever_its_direction(vehicle, tracked, ahead):
-    law = hf.safeguard(vehicle, tracked, ahead, measured=True)
+    law = hf.safeguard(vehicle, tracked, ahead, disturbance_measured=True)
     for low, high in ((-math.pi, math.pi), (0.0, 0.0), (math.pi, math.pi)):
         assert in_current(vehicle, law, ahead, low, high).viable >= 198
 
@@ -403,8 +403,8 @@ def test_disturbance_is_measured_or_what_the_law_believes_or_zero(wall):
     believing = go(believed={"w": sp.Rational(1, 2)})
     assert sp.expand(offset(go()) - rest) == 0
     assert sp.expand(offset(believing) - rest + 3) == 0
-    assert sp.expand(offset(go(), measured=True) - rest + 6 * W) == 0
-    assert sp.expand(offset(believing, measured=True) - rest + 6 * W) == 0
+    assert sp.expand(offset(go(), disturbance_measured=True) - rest + 6 * W) == 0
+    assert sp.expand(offset(believing, disturbance_measured=True) - rest + 6 * W) == 0
 
 
 def test_every_mode_of_a_switching_is_kept_and_the_rules_between_them_stay(wall):
@@ -449,7 +449,7 @@ def refusal(system, law, region, **options):
         ({"scales": {"a": "2"}}, "scale of 'a' is '2'"),
         ({"scales": {"a": True}}, "scale of 'a' is True"),
         ({"scales": [1.0, 2.0]}, "scales of the safeguard are [1.0, 2.0]"),
-        ({"measured": "no"}, "measured of the safeguard is 'no'"),
+        ({"disturbance_measured": "no"}, "disturbance_measured of the safeguard is 'no'"),
     ],
 )
 def test_numbers_and_names_that_cannot_be_used_are_refused(wall, options, complaint):
@@ -565,7 +565,9 @@ def test_one_disturbance_may_be_measured_and_another_be_the_worst():
         (False, ["unmodelled_v"], False),
         (False, ["wind", "unmodelled_v"], True),
     ):
-        guarded = hf.safeguard(pushed, law, region, gains=(K1, K2), measured=measured, worst=worst)
+        guarded = hf.safeguard(
+            pushed, law, region, gains=(K1, K2), disturbance_measured=measured, worst=worst
+        )
         assert ("wind" in [q.name for q in guarded.reads]) is measured
         assert "unmodelled_v" not in [q.name for q in guarded.reads]
         result = hf.simulate(
@@ -582,7 +584,7 @@ def test_worst_of_what_is_no_disturbance_or_is_measured_is_refused(double_integr
     with pytest.raises(DefinitionError, match="'unmodelled_x', which is not a disturbance"):
         hf.safeguard(pushed, law, region, worst=["unmodelled_x"])
     with pytest.raises(DefinitionError, match="is measured, and is to be the worst"):
-        hf.safeguard(pushed, law, region, worst=["unmodelled_v"], measured=True)
+        hf.safeguard(pushed, law, region, worst=["unmodelled_v"], disturbance_measured=True)
     early = hf.add_unmodelled(double_integrator, ["x"], hf.Box((-0.3,), (0.3,)))
     with pytest.raises(DefinitionError, match="is not affine in unmodelled_x"):
         hf.safeguard(early, law, region, worst=["unmodelled_x"])

@@ -310,7 +310,8 @@ def test_other_systems_are_refused_with_what_is_expected(name, system):
         LAWS[name](system)
     said = str(caught.value)
     assert f"law '{name}' is not made for system '{system.name}'" in said
-    assert "psi' = r, and a current (Vx, Vy), as of 'drifting_unicycle' or 'marine_vehicle'" in said
+    assert "psi' = r, and disturbances of the role \"current\" that are added to x' and y'" in said
+    assert "as of 'drifting_unicycle' or 'marine_vehicle'" in said
 
 
 @pytest.mark.parametrize("turn", [R + U, R + 1, R + sp.sin(PSI)])

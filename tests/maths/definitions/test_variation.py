@@ -549,7 +549,7 @@ def test_velocity_follows_a_measuring_law_exactly_in_a_disturbance_that_varies()
 
 
 def test_law_that_believes_in_what_it_measures_can_be_simulated():
-    """As every mode of hold_station(measured=True) does."""
+    """As every mode of hold_station(disturbance_measured=True) does."""
     law = replace(MEASURING.modes["ahead"], believed={"d": D})
     program = program_of(law, disturbance=TIDE)
     assert program.states == LINE.states

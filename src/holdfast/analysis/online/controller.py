@@ -80,7 +80,7 @@ class Measurements:
         elif disturbance is not None:
             raise SimulationError(
                 "a disturbance is given, and the law measures none",
-                remedy="leave it out, or make the law measure it (measured=True)",
+                remedy="leave it out, or make the law measure it (disturbance_measured=True)",
             )
         return math.isfinite(row.dot(self._ones)) or bool(np.isfinite(row).all())
 

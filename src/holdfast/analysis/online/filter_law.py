@@ -133,7 +133,7 @@ def filter_of(
     gains: tuple[float, float] | None,
     margins: Mapping[str, float] | None,
     constraints: Region | None,
-    measured: bool,
+    disturbance_measured: bool,
     worst: Sequence[str],
     uncertain: Mapping[str, Sequence[float]] | None,
     scales: Mapping[str, float] | None,
@@ -147,8 +147,8 @@ def filter_of(
     kernels = [_kernel(system, part, len(parts)) for part in parts if not isinstance(part, Region)]
     _check_options(
         bool(kernels), len(kernels) < len(parts), rate=rate, margin=margin, delay=delay,
-        ahead=ahead, gains=gains, margins=margins, constraints=constraints, measured=measured,
-        worst=worst, uncertain=uncertain,
+        ahead=ahead, gains=gains, margins=margins, constraints=constraints,
+        disturbance_measured=disturbance_measured, worst=worst, uncertain=uncertain,
     )  # fmt: skip
     if constraints is not None:
         place, first = next((k, x) for k, x in enumerate(parts) if isinstance(x, Region))
@@ -183,7 +183,7 @@ def filter_of(
             gains=gains,
             margins=inside,
             scales=scales,
-            measured=measured,
+            disturbance_measured=disturbance_measured,
             worst=worst,
             uncertain=uncertain,
             sample_time=sample_time,
@@ -204,7 +204,7 @@ def filter_of(
             region,
             tuple(margins or ()),
             tuple(worst),
-            measured,
+            disturbance_measured,
             parameter_box(uncertain, system, region),
         )
         if region is not None
@@ -250,7 +250,7 @@ def _check_options(kernel: bool, region: bool, **options: Any) -> None:
         "gains": None,
         "margins": None,
         "constraints": None,
-        "measured": False,
+        "disturbance_measured": False,
         "worst": (),
         "uncertain": None,
     }

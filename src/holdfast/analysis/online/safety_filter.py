@@ -38,7 +38,7 @@ from holdfast.analysis.online.filter_law import (
     warn_of_reduction,
 )
 from holdfast.analysis.simulation.simulate import simulate
-from holdfast.arguments import checked
+from holdfast.arguments import checked, renamed
 from holdfast.errors import (
     DefinitionError,
     SimulationError,
@@ -315,15 +315,15 @@ class SafetyFilter:
     bears, margin [unit of V], ahead [s], how long the game of held inputs may take, by default
     about 5: of a kernel's filter, see `safety_law`. gains [1/s], refused where the sample time does
     not bear them, by default (1, 4) or as much less as it bears, margins, constraints, worst,
-    uncertain: of a region, see `safeguard`. measured: whether `step` is given the disturbances.
-    states: names of those that are measured, if not all: an observer with that `bandwidth` [1/s]
-    estimates the others and the disturbances (`observe`), with `error_bounds` [unit of each state]
-    a guaranteed set of them, which follows a disturbance that changes within `rate_bounds`
-    (`observe_set`). scales: input -> the change of it that counts as 1. rates: the largest rates of
-    inputs and of states (accelerations), see `limit_rates`; with those of inputs the filter
-    remembers its last input. fallback: the input where a measurement or the command is not finite,
-    by default 0 within the bounds. around: the vehicle in the loop, where `system` is a reduced
-    model of it: a `ModelWarning` names the states that the filter does not know.
+    uncertain: of a region, see `safeguard`. disturbance_measured: whether `step` is given the
+    disturbances. states: names of those that are measured, if not all: an observer with that
+    `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
+    [unit of each state] a guaranteed set of them, which follows a disturbance that changes within
+    `rate_bounds` (`observe_set`). scales: input -> the change of it that counts as 1. rates: the
+    largest rates of inputs and of states (accelerations), see `limit_rates`; with those of inputs
+    the filter remembers its last input. fallback: the input where a measurement or the command is
+    not finite, by default 0 within the bounds. around: the vehicle in the loop, where `system` is a
+    reduced model of it: a `ModelWarning` names the states that the filter does not know.
 
     An untried kernel is tried in closed loop (`PromiseFellShortWarning`, `PromiseNotTriedWarning`).
     A kernel that has not converged is one for its horizon: after that the status is OUTSIDE_GRID
@@ -332,6 +332,7 @@ class SafetyFilter:
     Raises `DefinitionError` and `SimulationError` as `safeguard`, `safety_law` and `observe` do.
     """
 
+    @renamed(measured="disturbance_measured")
     @checked
     def __init__(
         self,
@@ -346,7 +347,7 @@ class SafetyFilter:
         gains: tuple[float, float] | None = None,
         margins: Mapping[str, float] | None = None,
         constraints: Region | None = None,
-        measured: bool = False,
+        disturbance_measured: bool = False,
         worst: Sequence[str] = (),
         uncertain: Mapping[str, Sequence[float]] | None = None,
         states: Sequence[str] | None = None,
@@ -364,8 +365,8 @@ class SafetyFilter:
         made = filter_of(
             system, keep, delay=delay, ahead=ahead, sample_time=self.sample_time, rate=rate,
             margin=margin, gains=gains, margins=margins, constraints=constraints,
-            measured=measured, worst=worst, uncertain=uncertain, scales=scales,
-            predicts=states is None,
+            disturbance_measured=disturbance_measured, worst=worst, uncertain=uncertain,
+            scales=scales, predicts=states is None,
         )  # fmt: skip
         if made.kernel is not None:
             made.kernel.check_around(system, states, rates)

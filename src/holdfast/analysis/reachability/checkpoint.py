@@ -25,7 +25,7 @@ import time
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -44,6 +44,7 @@ from holdfast.host.files import (
     kept_at_the_end,
     remove_left_over,
 )
+from holdfast.maths.definitions.quantity import stated
 
 SAID = "said.json"
 _GENERATION = re.compile(r"[0-9a-f]{16}")
@@ -323,7 +324,7 @@ def identity(posed: Posed) -> dict[str, str]:
 def _text(value: object) -> str:
     """A value of the library, by its parts."""
     if is_dataclass(value) and not isinstance(value, type):
-        return "; ".join(f"{f.name} {_text(getattr(value, f.name))}" for f in fields(value))
+        return "; ".join(f"{name} {_text(v)}" for name, v in stated(value).items())
     if isinstance(value, (sp.Basic, sp.MatrixBase)):
         return str(sp.srepr(value))
     if isinstance(value, tuple):

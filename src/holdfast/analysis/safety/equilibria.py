@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import checked, renamed
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
@@ -46,7 +46,8 @@ class RestingState:
 
     state, inputs, disturbance: name -> value in SI units. margin: the least -c_j there, in the unit
     of c_j; below 0 it is outside. residual: the largest rate left. missing: empty for an
-    equilibrium in the region, else the reason why there is none.
+    equilibrium in the region, else the reason why there is none. current_names: those of the
+    components of the current along x and y.
     """
 
     state: Mapping[str, float]
@@ -55,6 +56,7 @@ class RestingState:
     margin: float
     residual: float
     missing: str = ""
+    current_names: tuple[str, ...] = ()
 
     @property
     def exists(self) -> bool:
@@ -63,8 +65,9 @@ class RestingState:
     def words(self, units: Mapping[str, str]) -> str:
         """The disturbance: a current by its speed and direction, else number by number."""
         d = self.disturbance
-        if set(d) == {"Vx", "Vy"}:
-            along = math.degrees(math.atan2(d["Vy"], d["Vx"]))
+        if set(d) == set(self.current_names) != set():
+            vx, vy = (d[n] for n in self.current_names)
+            along = math.degrees(math.atan2(vy, vx))
             return f"a current of {math.hypot(*d.values()):.3g} m/s along {along:.4g} degrees"
         return ", ".join(f"{n} = {v:.3g} {units[n]}" for n, v in d.items()) or "no disturbance"
 
@@ -82,19 +85,20 @@ class Search:
         system: System,
         region: Region,
         box: Mapping[str, tuple[float, float]] | None,
-        starts: int,
+        searches: int,
         seed: int,
         field: Mapping[str, sp.Expr] | None = None,
         drawn: Sequence[sp.Symbol] = (),
     ) -> None:
         check_reads(system, region)
-        if not starts >= 1:
-            raise DefinitionError(f"starts is {starts}", expected="at least 1")
+        if not searches >= 1:
+            raise DefinitionError(f"searches is {searches}", expected="at least 1")
         if seed < 0:
             raise DefinitionError(f"seed is {seed}", expected="0 or more")
-        self.system, self.region, self.seed, self.starts = system, region, seed, starts
+        self.system, self.region, self.seed, self.searches = system, region, seed, searches
         self.states, self.inputs = len(system.states), len(system.inputs)
         self.box = self._box(box or {})
+        self.current_names = tuple(q.name for q in system.current_along("x", "y") or ())
         of_place = {symbol(n): e for n, e in (field or {}).items()}
         felt = [of_place.get(q.symbol, q.symbol) for q in system.disturbances]
         rates = [system.rates[n].xreplace(of_place) for n in system.state_names]
@@ -131,7 +135,9 @@ class Search:
         numbers = {p.symbol: p.value for p in self.system.parameters}
         input_bounds = self.system.input_bounds
         rows = [] if input_bounds is None else input_bounds.at(numbers).half_spaces()
-        a = np.array([[float(e) for e in normal] for normal, _ in rows]).reshape(-1, self.inputs)
+        a = np.array([[float(e) for e in normal] for normal, _ in rows]).reshape(
+            len(rows), self.inputs
+        )
         return a, np.array([float(limit) for _, limit in rows])
 
     def of_points(self, points: Array, d: Array) -> Values:
@@ -294,9 +300,9 @@ class Search:
             ratio = (1.0 + ratio) ** (1.0 / (self.states + 1))
         alpha = ratio ** -np.arange(1.0, self.states + 1)
         offset = np.random.default_rng(self.seed).random(self.states) if self.seed else 0.5
-        points = (offset + np.arange(self.starts)[:, None] * alpha) % 1.0
+        points = (offset + np.arange(self.searches)[:, None] * alpha) % 1.0
         low, high = self.box[:, 0], self.box[:, 1]
-        begin = np.zeros((self.starts, width))
+        begin = np.zeros((self.searches, width))
         begin[:, : self.states] = low + points * (high - low)
         return list(begin)
 
@@ -332,6 +338,7 @@ class Search:
             margin=margin,
             residual=residual,
             missing=missing,
+            current_names=self.current_names,
         )
 
 
@@ -342,9 +349,10 @@ def _rank(resting: RestingState) -> tuple[bool, float, float]:
     return False, -max(resting.residual, EXACT), resting.margin
 
 
-STARTS = 16
+SEARCHES = 16
 
 
+@renamed(starts="searches")
 @checked
 def resting_state(
     system: System,
@@ -352,17 +360,17 @@ def resting_state(
     disturbance: Mapping[str, float | sp.Expr] | None = None,
     *,
     box: Mapping[str, tuple[float, float]] | None = None,
-    starts: int = STARTS,
+    searches: int = SEARCHES,
     seed: int = 0,
 ) -> RestingState:
     """Where `system` rests in `region` in a steady disturbance d, as far inside as can be.
 
         maximise t   subject to   f(q, u, d(q)) = 0,   c_j(q) + t <= 0 for every j,   u in bounds
 
-    A local solver (SLSQP, derivatives of the same expressions) begins at `starts` points of an even
-    sequence over `box`: state -> (lowest, highest), unless given [-1, 1] in SI units and a whole
-    turn of an angle. The answer is verified by its own rates, constraints and bounds. It is the
-    best of the local ones: another may exist, and none found does not prove that there is none.
+    A local solver (SLSQP, derivatives of the same expressions) begins at `searches` points of an
+    even sequence over `box`: state -> (lowest, highest), unless given [-1, 1] in SI units and a
+    whole turn of an angle. The answer is verified by its own rates, constraints and bounds. It is
+    the best of the local ones: another may exist, and none found does not prove that there is none.
     c_j of different units count alike, 1 m as 1 rad. disturbance: name -> number, or expression of
     the states and parameters (a field, such as an eddy); those left out are 0.
 
@@ -370,9 +378,10 @@ def resting_state(
     region of other states, and inputs whose bounds are no half-spaces.
     """
     field, numbers = _disturbance(system, disturbance)
-    return Search(system, region, box, starts, seed, field).solve(numbers, [])
+    return Search(system, region, box, searches, seed, field).solve(numbers, [])
 
 
+@renamed(starts="searches")
 @checked
 def resting_directions(
     system: System,
@@ -381,30 +390,32 @@ def resting_directions(
     *,
     count: int = 360,
     box: Mapping[str, tuple[float, float]] | None = None,
-    starts: int = STARTS,
+    searches: int = SEARCHES,
     seed: int = 0,
 ) -> tuple[RestingState, ...]:
-    """`resting_state` for a disturbance of one size in `count` directions of its plane.
+    """`resting_state` for a current of one speed in `count` directions of its plane.
 
         d = speed (cos theta, sin theta),   theta = 2 pi k / count,   k = 0 ... count - 1
 
-    Each search begins at the answer of the direction before it too. Raises `DefinitionError` for a
-    system that has not two disturbances, and as `resting_state`.
+    d is the current along x and y, other disturbances are 0; of a system that says of none that it
+    is the current, its two disturbances. Each search begins at the answer of the direction before
+    it too. Raises `DefinitionError` for a system that has neither, and as `resting_state`.
     """
-    names = system.disturbance_names
+    names = [q.name for q in system.current_along("x", "y") or system.disturbances]
     if len(names) != 2:
         raise DefinitionError(
             f"system '{system.name}' has {len(names)} disturbances", expected="two, as a current"
         )
+    still = dict.fromkeys(system.disturbance_names, 0.0)
     if not 0 <= speed < math.inf:
         raise DefinitionError(f"speed is {speed:g}", expected="0 or more")
     if not count >= 1:
         raise DefinitionError(f"count is {count}", expected="at least 1")
-    search = Search(system, region, box, starts, seed)
+    search = Search(system, region, box, searches, seed)
     answers: list[RestingState] = []
     last: list[Array] = []
     for theta in 2 * math.pi * np.arange(count) / count:
-        d = {names[0]: speed * math.cos(theta), names[1]: speed * math.sin(theta)}
+        d = still | {names[0]: speed * math.cos(theta), names[1]: speed * math.sin(theta)}
         answers.append(search.solve(d, last))
         if answers[-1].exists:
             values = [*answers[-1].state.values(), *answers[-1].inputs.values(), answers[-1].margin]

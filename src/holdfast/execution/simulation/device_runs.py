@@ -157,4 +157,3 @@ def _text(program: ClosedLoopProgram, kind: Kind, layout: Layout) -> str:
         "#define hf_table_at(address) ((const hf_table *)(address))\n"
     )
     return table + leaves + printed
-

@@ -54,7 +54,7 @@ from typing import TypeVar, cast
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import checked, renamed
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.barrier_conditions import (
     ViabilityCondition,
@@ -255,6 +255,7 @@ L = TypeVar("L", bound=Law | Switching)
 Row = tuple[tuple[sp.Expr, ...], sp.Expr]
 
 
+@renamed(measured="disturbance_measured")
 @checked
 def safeguard(
     system: System,
@@ -265,7 +266,7 @@ def safeguard(
     gains: tuple[float, float] | None = None,
     margins: Mapping[str, float] | None = None,
     scales: Mapping[str, float] | None = None,
-    measured: bool = False,
+    disturbance_measured: bool = False,
     worst: Sequence[str] = (),
     uncertain: Mapping[str, Sequence[float]] | None = None,
     sample_time: float | None = None,
@@ -277,14 +278,15 @@ def safeguard(
     or as much less as a `sample_time` [s] bears that is known. margins: name of an inequality
     -> m_j >= 0 in its own unit, how far inside the boundary to stay. scales: input -> the change of
     it that counts as much as a change of another by its own scale; half the width of its bounds
-    where they are finite, else 1. measured: whether the law measures the disturbances, but those
-    of `worst`; if not, it uses its believed values, or zero. worst: disturbances against which the
-    conditions hold wherever in their bounds they are (robust control barrier function), such as
-    what a model leaves unexplained: the condition of a constraint c has the support function of the
-    bounds at the coefficients of d in it. uncertain: parameter of the system or the region ->
-    (least, largest), in its unit: the conditions hold for every model of this box; a parameter that
-    multiplies an input makes two of one (`parameter_box`). If no input is admissible, all
-    conditions are relaxed by the same least amount, and the run counts such samples.
+    where they are finite, else 1. disturbance_measured: whether the law measures the
+    disturbances, but those of `worst`; if not, it uses its believed values, or zero. worst:
+    disturbances against which the conditions hold wherever in their bounds they are (robust control
+    barrier function), such as what a model leaves unexplained: the condition of a constraint c has
+    the support function of the bounds at the coefficients of d in it. uncertain: parameter of the
+    system or the region -> (least, largest), in its unit: the conditions hold for every model of
+    this box; a parameter that multiplies an input makes two of one (`parameter_box`). If no input
+    is admissible, all conditions are relaxed by the same least amount, and the run counts such
+    samples.
 
     An input that enters a constraint later than others is used
     (`maths/control/barrier_conditions.py`). A closed loop whose sample time does not bear the gains
@@ -301,9 +303,10 @@ def safeguard(
         raise DefinitionError(
             f"gains of the safeguard are {gains!r}", expected="two numbers above 0, in 1/s"
         )
-    if not isinstance(measured, bool):
+    if not isinstance(disturbance_measured, bool):
         raise DefinitionError(
-            f"measured of the safeguard is {measured!r}", expected="true or false"
+            f"disturbance_measured of the safeguard is {disturbance_measured!r}",
+            expected="true or false",
         )
     region = region if constraints is None else both(region, constraints)
     box = parameter_box(uncertain, system, region)
@@ -331,7 +334,7 @@ def safeguard(
         *box.parameters,
     )
     bounds = input_rows(system)
-    pieces = asked_of(system, region, tuple(margin_of), worst, measured, box)
+    pieces = asked_of(system, region, tuple(margin_of), worst, disturbance_measured, box)
     asked = [row for piece in pieces for row in piece.rows]
     bearable = conditions(piece.orders for piece in pieces)
     if sample_time is not None:
@@ -346,11 +349,11 @@ def safeguard(
 
     def guarded(law: Law) -> Law:
         check_fit(system, law)
-        sensed = [d for d in system.disturbances if measured and d.name not in worst]
+        sensed = [d for d in system.disturbances if disturbance_measured and d.name not in worst]
         reads = {q.name: q for q in (*law.reads, *system.states, *sensed)}
         law = replace(law, reads=tuple(reads.values()))
         still = believed_disturbances(system, law)
-        if measured:
+        if disturbance_measured:
             still = {symbol(n): sp.S.Zero for n in worst}
         numbers = exchanged((e for n, b in rows for e in (*n, b)), still)
         columns = [tuple(numbers[i :: len(names) + 1]) for i in range(len(names) + 1)]
@@ -399,12 +402,12 @@ def asked_of(
     region: Region,
     margins: Sequence[str],
     worst: Sequence[str],
-    measured: bool,
+    disturbance_measured: bool,
     box: ParameterBox,
 ) -> list[Asked]:
     """What the filter of `safeguard` asks; margins: names of inequalities that have one."""
-    unknown = _Unknown(system, worst, measured)
-    believed = {} if measured else {d.symbol: sp.S.Zero for d in system.disturbances}
+    unknown = _Unknown(system, worst, disturbance_measured)
+    believed = {} if disturbance_measured else {d.symbol: sp.S.Zero for d in system.disturbances}
     pieces = []
     for c in viability_conditions(system, region):
         depth, weights = _depth(c, c.name in margins), unknown.weights(c)
@@ -448,7 +451,7 @@ def _depth(c: ViabilityCondition, kept_away: bool) -> sp.Expr:
 class _Unknown:
     """The disturbances against which the conditions hold wherever in their bounds they are."""
 
-    def __init__(self, system: System, names: Sequence[str], measured: bool) -> None:
+    def __init__(self, system: System, names: Sequence[str], disturbance_measured: bool) -> None:
         if isinstance(names, str) or any(n not in system.disturbance_names for n in names):
             odd = (
                 names
@@ -459,7 +462,7 @@ class _Unknown:
                 f"worst of the safeguard names '{odd}', which is not a disturbance",
                 remedy=suggestion(str(odd), system.disturbance_names),
             )
-        if names and measured and set(names) == set(system.disturbance_names):
+        if names and disturbance_measured and set(names) == set(system.disturbance_names):
             raise DefinitionError(
                 f"'{names[0]}' is measured, and is to be the worst within its bounds",
                 expected="one of the two",

@@ -17,13 +17,15 @@ _TINY = sp.Float(1e-12)
 
 @dataclass(frozen=True)
 class SurgeAndTurn:
-    """x' = u cos(psi) + ..., y' = u sin(psi) + ..., psi' = r, with the current (Vx, Vy) added.
+    """x' = u cos(psi) + ..., y' = u sin(psi) + ..., psi' = r, with the current added.
 
-    u and r are inputs, or states that inputs track. `reads` are the states that the motion of
-    the position depends on, `limits` the parameters speed_limit [m/s] and turn_limit [rad/s].
+    u and r are inputs, or states that inputs track. `current` are its components along x and y,
+    `reads` the states that the motion of the position depends on, `limits` the parameters
+    speed_limit [m/s] and turn_limit [rad/s].
     """
 
     system: System
+    current: tuple[Quantity, ...]
     reads: tuple[Quantity, ...]
     limits: tuple[Parameter, ...]
 
@@ -31,7 +33,8 @@ class SurgeAndTurn:
         self, surge: sp.Expr, current: tuple[sp.Expr, sp.Expr]
     ) -> tuple[sp.Expr, sp.Expr]:
         """(x', y') at a surge and a current, from the system's own rates."""
-        values = dict(zip(map(symbol, ("u", "Vx", "Vy")), (surge, *current), strict=True))
+        moving = (symbol("u"), *(q.symbol for q in self.current))
+        values = dict(zip(moving, (surge, *current), strict=True))
         x, y = (self.system.rates[n].subs(values, simultaneous=True) for n in ("x", "y"))
         return x, y
 
@@ -69,6 +72,18 @@ def _along(slope: list[sp.Expr], rates: tuple[sp.Expr, sp.Expr]) -> sp.Expr:
     return sp.Add(*(s * r for s, r in zip(slope, rates, strict=True)))
 
 
+def measured_current(law: str, system: System) -> tuple[Quantity, ...]:
+    """The components of the current along x and y; `DefinitionError` for a system without them."""
+    current = system.current_along("x", "y")
+    if current is None:
+        raise DefinitionError(
+            f"{law} has to measure the current, but system '{system.name}' has none",
+            expected="disturbances of the role \"current\" that are added to x' and y'",
+            remedy='say it of the disturbances: role="current"',
+        )
+    return current
+
+
 def surge_and_turn(
     law: str, system: System, speed_limit: float | None, turn_limit: float | None
 ) -> SurgeAndTurn:
@@ -80,10 +95,11 @@ def surge_and_turn(
     """
     names = {q.name for q in system.states + system.inputs}
     cos, sin = sp.cos(symbol("psi")), sp.sin(symbol("psi"))
-    moved = {"x": symbol("u") * cos + symbol("Vx"), "y": symbol("u") * sin + symbol("Vy")}
-    fits = {"x", "y", "psi", "u", "r"} <= names and {"Vx", "Vy"} <= set(system.disturbance_names)
+    current = system.current_along("x", "y") or ()
+    fits = {"x", "y", "psi", "u", "r"} <= names and bool(current)
     if fits:  # the other velocities depend neither on u nor on states that are inputs
-        rest = [sp.expand(system.rates[n] - stated) for n, stated in moved.items()]
+        moved = zip(("x", "y"), (cos, sin), current, strict=True)
+        rest = [sp.expand(system.rates[n] - symbol("u") * e - q.symbol) for n, e, q in moved]
         driven = [*system.inputs, *system.disturbances]
         barred = {q.symbol for q in driven} | {symbol("u")}
         fits = not any(e.free_symbols & barred for e in rest)
@@ -91,8 +107,9 @@ def surge_and_turn(
     if not fits:
         raise DefinitionError(
             f"law '{law}' is not made for system '{system.name}'",
-            expected="x' = u cos(psi) + ..., y' = u sin(psi) + ..., psi' = r, and a current "
-            "(Vx, Vy), as of 'drifting_unicycle' or 'marine_vehicle'",
+            expected="x' = u cos(psi) + ..., y' = u sin(psi) + ..., psi' = r, and disturbances "
+            "of the role \"current\" that are added to x' and y', as of 'drifting_unicycle' or "
+            "'marine_vehicle'",
         )
     used = system.rates["x"].free_symbols | system.rates["y"].free_symbols
     named = {symbol("x"), symbol("y"), symbol("psi")} | (used - {symbol("u")})
@@ -120,4 +137,5 @@ def surge_and_turn(
             limit = Parameter(name, unit, meaning, value=value, above=0.0)
         assert limit is not None
         limits.append(limit)
-    return SurgeAndTurn(system, tuple(q for q in system.states if q.symbol in named), tuple(limits))
+    reads = tuple(q for q in system.states if q.symbol in named)
+    return SurgeAndTurn(system, current, reads, tuple(limits))

@@ -9,10 +9,10 @@ import keyword
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import sympy as sp
 
@@ -192,15 +192,24 @@ def symbol(name: str) -> sp.Symbol:
     return sp.Symbol(name, real=True)
 
 
+Role = Literal["", "current"]
+"""What a disturbance is beside a number: nothing else, or a component of the current."""
+
+
 @checked
 @dataclass(frozen=True)
 class Quantity:
-    """A scalar with a name (used in expressions), a unit (SI), and whether it is an angle."""
+    """A scalar with a name (used in expressions), a unit (SI), and whether it is an angle.
+
+    role: "current" of a disturbance that is a component of the current, in m/s over ground; laws,
+    margins and figures ask for it by this role, whatever it is called.
+    """
 
     name: str
     unit: str = "1"
     description: str = ""
     angle: bool = False
+    role: Role = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
         if not _NAME.match(self.name) or keyword.iskeyword(self.name) or self.name in _RESERVED:
@@ -213,10 +222,33 @@ class Quantity:
             raise DefinitionError(
                 f"angle '{self.name}' has unit '{self.unit}'", expected="unit 'rad'"
             )
+        if not isinstance(self.role, str) or self.role not in get_args(Role):
+            roles = " or ".join(f"'{role}'" for role in get_args(Role) if role)
+            raise DefinitionError(
+                f"'{self.name}' has the role {self.role!r}", expected=f"{roles}, or none"
+            )
+        if self.role == "current" and self.unit != "m/s":
+            raise DefinitionError(
+                f"current '{self.name}' has unit '{self.unit}'", expected="unit 'm/s'"
+            )
 
     @property
     def symbol(self) -> sp.Symbol:
         return symbol(self.name)
+
+
+def stated(record: Any) -> dict[str, Any]:
+    """The fields of a record by name, without those for keywords alone that have their default.
+
+    A field that was added later is one of these, and what is written of an older record stays.
+    """
+    values = {f: getattr(record, f.name) for f in fields(record)}
+    return {f.name: v for f, v in values.items() if not (f.kw_only and v == f.default)}
+
+
+def may_be_left_out(record: type) -> set[str]:
+    """The names of the fields that `stated` may leave out."""
+    return {f.name for f in fields(record) if f.kw_only and f.default is not MISSING}
 
 
 @checked

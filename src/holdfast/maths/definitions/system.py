@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import random
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -17,8 +18,8 @@ import sympy as sp
 from sympy.integrals.quadrature import gauss_legendre
 
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.bounds import Bounds
+from holdfast.errors import DefinitionError, RenamedWarning
+from holdfast.maths.definitions.bounds import Bounds, section
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import (
     TIME,
@@ -35,6 +36,9 @@ from holdfast.maths.expressions.canonical import canonical
 from holdfast.maths.expressions.traversal import derivatives
 
 NODES = 16
+
+FORMER_CURRENT = ("Vx", "Vy")
+"""The names by which disturbances were the current before they had roles."""
 
 
 @checked
@@ -282,6 +286,46 @@ class System:
     @property
     def disturbance_names(self) -> tuple[str, ...]:
         return tuple(q.name for q in self.disturbances)
+
+    @property
+    def current(self) -> tuple[Quantity, ...]:
+        """The disturbances whose role it is to be the current."""
+        felt = tuple(q for q in self.disturbances if q.role == "current")
+        if felt or not all(n in self.disturbance_names for n in FORMER_CURRENT):
+            return felt
+        warnings.warn(
+            f"{' and '.join(FORMER_CURRENT)} of system '{self.name}' are its current "
+            'by their names alone, which goes with the next release: say role="current" of them',
+            RenamedWarning,
+            stacklevel=2,
+        )
+        return tuple(q for q in self.disturbances if q.name in FORMER_CURRENT)
+
+    @property
+    def largest_current(self) -> sp.Expr | None:
+        """The largest speed of the current, of parameters; None without bounds of it alone."""
+        current = self.current
+        try:
+            bounds = section(self.disturbance_bounds, [q in current for q in self.disturbances])
+        except DefinitionError:
+            return None
+        return None if bounds is None else bounds.largest_size()
+
+    def current_along(self, *position: str) -> tuple[Quantity, ...] | None:
+        """The component of the current along each of these states.
+
+        It is the one that is added to the rate of the state and to no other of theirs. None where
+        a state has no such component.
+        """
+        along, current = {}, self.current
+        for state in position:
+            for q in current:
+                slopes = {
+                    n: sp.expand(self.rates[n].diff(q.symbol)) for n in position if n in self.rates
+                }
+                if slopes == {n: sp.Integer(n == state) for n in position}:
+                    along[state] = q
+        return tuple(along[n] for n in position) if len(along) == len(position) else None
 
     @property
     def actuators(self) -> tuple[str, ...]:

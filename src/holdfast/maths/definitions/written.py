@@ -18,7 +18,12 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import AllocatedImage, Ball, Box, LinearImage, Product
-from holdfast.maths.definitions.quantity import Parameter, Quantity
+from holdfast.maths.definitions.quantity import (
+    Parameter,
+    Quantity,
+    may_be_left_out,
+    stated,
+)
 from holdfast.maths.definitions.region import Circle, Cone, Footprint, Inequality, Region, Segment
 from holdfast.maths.definitions.system import (
     Antiderivative,
@@ -59,7 +64,7 @@ def written(what: Any, *more: type) -> dict[str, Any]:
         if isinstance(value, tuple | list):
             return [plain(v) for v in value]
         if type(value) in classes:
-            said = {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+            said = {name: plain(v) for name, v in stated(value).items()}
             return {"is": type(value).__name__, **said}
         raise DefinitionError(
             f"{type(value).__name__} cannot be written to a file",
@@ -97,6 +102,8 @@ class _Reader:
             return dict(pairs)
         if origin is tuple:
             return self._entries(data, inner)
+        if origin is typing.Literal:
+            return _of(data, str)
         if hint in (str, int, bool):
             return _of(data, hint)
         if hint is float:
@@ -142,11 +149,12 @@ class _Reader:
         named = self.classes[data["is"]]
         entries = {n: v for n, v in data.items() if n != "is"}
         assert is_dataclass(named)
-        names = [f.name for f in fields(named)]
-        if not issubclass(named, hint) or entries.keys() != set(names):
+        names = {f.name for f in fields(named)}
+        complete = names - may_be_left_out(named) <= entries.keys() <= names
+        if not issubclass(named, hint) or not complete:
             raise ValueError(f"a {data['is']} with {', '.join(entries):.60}")
         hints = typing.get_type_hints(named)
-        return named(**{n: self.value(entries[n], hints[n]) for n in names})
+        return named(**{n: self.value(v, hints[n]) for n, v in entries.items()})
 
 
 def _of(value: Any, kind: Any) -> Any:

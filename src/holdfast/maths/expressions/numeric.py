@@ -50,6 +50,6 @@ def norm(vector: Iterable[Any]) -> sp.Expr:
 
 def multiple_of_name(expression: sp.Expr) -> tuple[float, str] | None:
     """(a, name) where the expression is a |name| or a name with a > 0; else None."""
-    factor, rest = expression.as_coeff_Mul()
+    factor, rest = expression.as_independent(*expression.free_symbols, as_Add=False)
     rest = rest.args[0] if isinstance(rest, sp.Abs) else rest
     return (float(factor), rest.name) if rest.is_Symbol and factor > 0 else None

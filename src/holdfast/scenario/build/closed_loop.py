@@ -117,10 +117,11 @@ def composed_law(
         with at(composer.file, "observer"):
             if not law.handed:
                 law = cancel_unmodelled(system, law)
-            elif spec.safeguard is None or not spec.safeguard.measured:
+            elif spec.safeguard is None or not spec.safeguard.disturbance_measured:
                 raise ScenarioError(
                     "nothing uses its estimate of what is unmodelled",
-                    expected="[safeguard] measured = true, for a filter of another controller",
+                    expected="[safeguard] disturbance_measured = true, for a filter of another "
+                    "controller",
                 )
     if spec.safeguard is not None:
         law, filtering = _safeguarded(composer, spec.safeguard, law, region, system, spec.run)
@@ -232,7 +233,7 @@ def _safeguarded(
         "gains": spec.gains if "gains" in spec.model_fields_set else None,
         "margins": margins,
         "scales": spec.scales,
-        "measured": spec.measured,
+        "disturbance_measured": spec.disturbance_measured,
         "worst": tuple(spec.worst),
         "uncertain": uncertain or None,
     }

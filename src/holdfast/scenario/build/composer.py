@@ -16,6 +16,7 @@ from typing import Any
 
 import sympy as sp
 
+from holdfast.arguments import by_present_names
 from holdfast.errors import DefinitionError, ScenarioError, suggestion
 from holdfast.maths.catalogue import laws, regions, systems
 from holdfast.maths.catalogue.signature import (
@@ -91,7 +92,10 @@ def catalogue_entry(
             remedy=suggestion(str(name), by_name),
         )
     function = by_name[name]
-    settings = {k: v for k, v in table.items() if k != "name"}
+    with at(file, key):
+        settings = by_present_names(
+            function, {k: v for k, v in table.items() if k != "name"}, "key"
+        )
     if leading is None:
         leading = (system,) if leading_argument(function) == "system" else ()
     structural, numeric = arguments(function, len(leading))
@@ -298,14 +302,14 @@ class Composer:
                 result.append(parameter)
         return tuple(result)
 
-    def _quantities(
-        self, table: Mapping[str, Any], key: str, angle: bool = False
-    ) -> tuple[Quantity, ...]:
+    def _quantities(self, table: Mapping[str, Any], key: str, *more: str) -> tuple[Quantity, ...]:
+        """more: what else its entries say of a quantity."""
         result = []
         for name, spec in table.items():
             with at(self.file, f"{key}.{name}"):
                 check_unit(spec.unit)
-                result.append(Quantity(name, spec.unit, spec.description, angle and spec.angle))
+                said = {n: getattr(spec, n) for n in ("unit", "description", *more)}
+                result.append(Quantity(name, **said))
         return tuple(result)
 
     def _parsed(
@@ -329,9 +333,9 @@ class Composer:
 
     def _system(self, spec: SystemSpec) -> System:
         parameters = self._parameters(spec.parameters, "system")
-        states = self._quantities(spec.states, "system.states", angle=True)
+        states = self._quantities(spec.states, "system.states", "angle")
         inputs = self._quantities(spec.inputs, "system.inputs")
-        disturbances = self._quantities(spec.disturbances, "system.disturbances")
+        disturbances = self._quantities(spec.disturbances, "system.disturbances", "role")
         values: Names = {p.name: p.symbol for p in parameters}
         names: Names = {q.name: q.symbol for q in states + inputs + disturbances}
         names |= values | {"t": TIME}

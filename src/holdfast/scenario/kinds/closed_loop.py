@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.safety.equilibria import RestingState, Search
+from holdfast.analysis.safety.equilibria import SEARCHES, RestingState, Search
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.analysis.simulation.starts import Starts
@@ -406,7 +406,6 @@ def _parsed(file: str, key: str, value: object, names: Mapping[str, sp.Expr]) ->
         return parse_expression(value, names)
 
 
-STARTS = 16
 DRAWS = 180
 """Currents of drawn values that are tried: every two degrees of a direction."""
 
@@ -435,13 +434,17 @@ class Resting:
             "scenario": self.scenario,
             "tried": len(self.found),
             "at_rest": sum(f.exists for f in self.found),
-            "places": [{**asdict(f), "exists": f.exists} for f in self.found],
+            "places": [_place(f) for f in self.found],
         }
 
     @property
     def answered(self) -> bool:
         """Whether there is a place at rest in any of them."""
         return any(f.exists for f in self.found)
+
+
+def _place(best: RestingState) -> dict[str, Any]:
+    return {n: v for n, v in asdict(best).items() if n != "current_names"} | {"exists": best.exists}
 
 
 def no_rest(scenario: Scenario) -> str:
@@ -504,7 +507,7 @@ def _search(scenario: Scenario, drawn: Sequence[sp.Symbol] = ()) -> Search:
     assert scenario.region is not None
     numbers = {s: sp.Float(v) for s, v in _numbers(scenario).items() if s not in drawn}
     field = {n: e.xreplace(numbers) for n, e in _field(scenario).items()}
-    return Search(scenario.system, scenario.region, _box(scenario), STARTS, 0, field, drawn)
+    return Search(scenario.system, scenario.region, _box(scenario), SEARCHES, 0, field, drawn)
 
 
 def _field(scenario: Scenario) -> dict[str, sp.Expr]:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
+from holdfast.maths.definitions.quantity import Role
 from holdfast.scenario.schema.values import (
     Bounds,
     DrawSpec,
@@ -86,6 +87,12 @@ class BoundedSpec(Section):
     bounds: Bounds | None = None
 
 
+class DisturbanceSpec(BoundedSpec):
+    """A disturbance; role: "current" of a component of the current."""
+
+    role: Role = ""
+
+
 class MeasurementSpec(Section):
     """A measurement: an output equation of the states."""
 
@@ -115,7 +122,7 @@ class SystemSpec(Section):
     source: Text = ""
     states: dict[Name, QuantitySpec]
     inputs: dict[Name, BoundedSpec] = Field(default_factory=dict)
-    disturbances: dict[Name, BoundedSpec] = Field(default_factory=dict)
+    disturbances: dict[Name, DisturbanceSpec] = Field(default_factory=dict)
     parameters: Parameters = Field(default_factory=dict)
     rates: dict[Name, Expression] = Field(default_factory=dict)
     measurements: dict[Name, MeasurementSpec] = Field(default_factory=dict)
@@ -213,12 +220,14 @@ class SafeguardSpec(Section):
     uncertain: parameter -> [least, largest]; the conditions hold for every model of this box.
     """
 
+    renamed: ClassVar[Renamed] = {"measured": ("disturbance_measured", {})}
+
     constraints: dict[Name, InequalitySpec | Expression] = Field(default_factory=dict)
     gains: Gains = (1.0, 4.0)
     margins: dict[Name, Value] = Field(default_factory=dict)
     scales: dict[Name, float] = Field(default_factory=dict)
     rates: dict[Name, Value] = Field(default_factory=dict)
-    measured: bool = False
+    disturbance_measured: bool = False
     worst: list[Name] = Field(default_factory=list)
     uncertain: dict[Name, Interval] = Field(default_factory=dict)
 

@@ -48,6 +48,7 @@ def hold_pose(
             expected="a fully actuated craft, such as 'marine_craft' with a bow thruster",
             remedy="for an underactuated one, a law that `holdfast explain` names",
         )
+    felt = system.current_along("x", "y") or ()
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
     k1_, k2_, speed, turn = (symbol(n) for n in ("k1", "k2", "approach_speed", "approach_turn"))
     away = (x - symbol("goal_x"), y - symbol("goal_y"))
@@ -77,7 +78,7 @@ def hold_pose(
             Parameter("approach_speed", "m/s", "largest speed", value=approach_speed, above=0),
             Parameter("approach_turn", "rad/s", "largest yaw rate", value=approach_turn, above=0),
         ),
-        believed={"Vx": symbol("current_x"), "Vy": symbol("current_y")},
+        believed={q.name: symbol(f"current_{n}") for n, q in zip("xy", felt, strict=False)},
         description="bring a fully actuated craft to a pose and hold it: dynamic positioning",
         source="a bounded proportional law for positions; Fossen 2021, chapter 15, has others",
     )

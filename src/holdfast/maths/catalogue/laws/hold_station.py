@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import checked, renamed
 from holdfast.errors import DefinitionError
 from holdfast.maths.control.gain_conditions import held_gain
 from holdfast.maths.control.surge_and_turn import surge_and_turn
@@ -117,11 +117,12 @@ ALIGNED = math.acos(0.8)
 """Largest heading error [rad] from the pushing direction at which a vehicle may turn home."""
 
 
+@renamed(measured="disturbance_measured")
 @checked
 def hold_station(
     system: System,
     *,
-    measured: bool = False,
+    disturbance_measured: bool = False,
     current_x: float = -0.1,
     current_y: float = 0.2,
     r0: float = 0.1,
@@ -169,9 +170,11 @@ def hold_station(
     field turns faster than 0.8 turn_limit. For the full marine vehicle u and r are velocities
     to track, and d/dt phi is that of the ground track, sway included.
 
-    `current_x`, `current_y` [m/s] are the current the law believes in; with `measured` it reads
-    the true one at every instant instead, which may vary slowly. Raises `DefinitionError` for
-    r1 < r0, r2 < r1, k3 <= 1 (the current would win) or a current that is believed to be zero.
+    `current_x`, `current_y` [m/s] are the current the law believes in; with
+    `disturbance_measured` it reads the true one at every instant instead, which may vary slowly.
+
+    Raises `DefinitionError` for r1 < r0, r2 < r1, k3 <= 1 (the current would win) or a current that
+    is believed to be zero.
     """
     vehicle = surge_and_turn("hold_station", system, speed_limit, turn_limit)
     if not r1 >= r0:
@@ -179,19 +182,20 @@ def hold_station(
     if r2 is not None and not r2 >= r1:
         raise DefinitionError(f"r2 = {r2:g} is below r1 = {r1:g}", expected="r2 >= r1")
     _check_push(k3)
-    if not isinstance(measured, bool):
-        raise DefinitionError(f"hold_station: measured is {measured!r}", expected="true or false")
-    if not measured and math.hypot(current_x, current_y) == 0:
+    if not isinstance(disturbance_measured, bool):
+        raise DefinitionError(
+            f"hold_station: disturbance_measured is {disturbance_measured!r}",
+            expected="true or false",
+        )
+    if not disturbance_measured and math.hypot(current_x, current_y) == 0:
         raise DefinitionError(
             "hold_station: the current is zero", remedy="use steer_unicycle without a current"
         )
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
     s = {n: symbol(n) for n in ("current_x", "current_y", "r0", "r1", "lam")}
     k = {n: symbol(n) for n in ("k1", "k2", "k3", "k4", "k5")}
-    sensed = tuple(q for q in system.disturbances if measured and q.name in ("Vx", "Vy"))
-    vx, vy = current = (
-        (symbol("Vx"), symbol("Vy")) if measured else (s["current_x"], s["current_y"])
-    )
+    sensed = vehicle.current if disturbance_measured else ()
+    vx, vy = current = tuple(q.symbol for q in sensed) or (s["current_x"], s["current_y"])
     speed, side = sp.sqrt(vx**2 + vy**2), sgn(vx)
     none = sp.Float(1e-9) - speed  # without a current, the nominal field
     p = (select(none, sp.S.One, side * vx), select(none, sp.S.Zero, side * vy))
@@ -205,7 +209,7 @@ def hold_station(
         Parameter("current_y", "m/s", "current the law believes in", value=current_y),
     )
     parameters = (
-        *(() if measured else constant),
+        *(() if disturbance_measured else constant),
         Parameter("r0", "m", "radius of the ball to enter", value=r0, above=0.0),
         Parameter("r1", "m", "radius beyond which it approaches again", value=r1, above=0.0),
         Parameter("k1", "1/s", "gain of the distance", value=k1, above=0, gain=True),
@@ -231,7 +235,7 @@ def hold_station(
             ),
         )
     conditions = held_gain("k2", "k4", "k5")
-    if not measured:
+    if not disturbance_measured:
         need = station_keeping_limits(1.0, lam, r0=r0).least_k1  # per m/s of current
         limits = station_keeping_limits(math.hypot(current_x, current_y), lam, k1=k1, r0=r0)
         entering = GainCondition(
@@ -245,7 +249,7 @@ def hold_station(
 
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
         outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}
-        believed = dict(zip(("Vx", "Vy"), current, strict=True))
+        believed = {q.name: v for q, v in zip(vehicle.current, current, strict=True)}
         reads = (*vehicle.reads, *sensed)
         return Law(mode, reads, outputs, parameters, conditions=conditions, believed=believed)
 

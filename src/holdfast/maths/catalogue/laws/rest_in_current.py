@@ -5,8 +5,8 @@ from __future__ import annotations
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError
 from holdfast.maths.control.gain_conditions import held_gain
+from holdfast.maths.control.surge_and_turn import measured_current
 from holdfast.maths.control.view_legs import AHEAD, BACK, leg_parameters, view_legs
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import symbol
@@ -26,7 +26,6 @@ from holdfast.maths.reference_fields.dipole import GUARD
 
 HOME = "home"
 GAINS = ("k1", "mu", "kv", "kb", "leg_speed")
-CURRENT = "current_limit"
 STILL = sp.Rational(1, 100)
 """Current [m/s] up to which the goal is straight before the target."""
 
@@ -94,7 +93,7 @@ def rest_in_current(
     (`safeguard`, measured). What arrives is measured (docs/currents.md). Lengths in m, angles in
     rad. Outputs: surge u [m/s] through the water, yaw rate r [rad/s].
 
-    Raises `DefinitionError` for a system without a current (Vx, Vy), exponent <= 1, a target that
+    Raises `DefinitionError` for a system without a current, exponent <= 1, a target that
     fills the view at `distance`, and a distance outside the range limits.
     """
     values = {
@@ -122,17 +121,12 @@ def rest_in_current(
         "hold_in": (hold_in, "m/s", "least drift to the goal at which a leg ends"),
         "hold_out": (hold_out, "m/s", "least drift to the goal without a leg"),
     }
-    current = tuple(q for q in system.disturbances if q.name in ("Vx", "Vy"))
-    if len(current) != 2:
-        raise DefinitionError(
-            f"rest_in_current has to measure the current, but system '{system.name}' has none",
-            expected="disturbances Vx and Vy",
-        )
+    current = measured_current("rest_in_current", system)
     parameters = leg_parameters(
         values, GAINS, nearest=range_min + near_margin, farthest=range_max - far_margin
     )
     s = {name: symbol(name) for name in values}
-    x, psi, vx, vy = (symbol(name) for name in ("x", "psi", "Vx", "Vy"))
+    x, psi, vx, vy = symbol("x"), symbol("psi"), *(q.symbol for q in current)
     zero, one = sp.S.Zero, sp.S.One
     view, start = view_legs(), s["distance"]
     radius, bearing, depth, leg = view.radius, view.bearing, view.depth, view.leg
@@ -143,8 +137,10 @@ def rest_in_current(
     error = wrap(bearing - _goal_bearing(vx, vy, s["bearing_max"]))
     drift = sgn(error) * across + magnitude(inward) * slope
     reads = (*system.quantities(("x", "y", "psi"), "rest_in_current"), *current)
-    largest = tuple(p for p in system.parameters if p.name == CURRENT)
-    conditions = (*held_gain("kv"), *(_way(CURRENT) for _ in largest))
+    fastest = system.largest_current
+    used = fastest.free_symbols if fastest is not None else set()
+    largest = tuple(p for p in system.parameters if p.symbol in used)
+    conditions = (*held_gain("kv"), *((_way(fastest),) if fastest is not None else ()))
 
     def law(name: str, offset: sp.Expr, radial: sp.Expr) -> Law:
         """Go towards the target at `radial` over ground, the heading `offset` from its bearing."""
@@ -213,10 +209,10 @@ def rest_in_current(
     )
 
 
-def _way(current: str) -> GainCondition:
+def _way(current: sp.Expr) -> GainCondition:
     """A leg is faster through the water than the largest current."""
     return GainCondition(
-        value=symbol(current),
+        value=current,
         limit=symbol("leg_speed"),
         consequence="a leg against the current makes no way",
         source="a leg over ground is that through the water and the current",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import checked, renamed
 from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.systems.marine_vehicle import surge_inertia, sway_inertia
 from holdfast.maths.control.gain_conditions import held_gain, surge_gain_limit
+from holdfast.maths.control.surge_and_turn import measured_current
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.system import System
@@ -15,6 +16,7 @@ from holdfast.maths.expressions.functions import length, sgn, wrap
 from holdfast.maths.reference_fields.dipole import GUARD, dipolar_field, field_angle
 
 
+@renamed(measured="disturbance_measured")
 @checked
 def steer_marine(
     system: System,
@@ -25,7 +27,7 @@ def steer_marine(
     mu: float = 1.5,
     k2: float = 1.0,
     lam: float = 3.0,
-    measured: bool = False,
+    disturbance_measured: bool = False,
 ) -> Law:
     """Steer a marine vehicle to (goal_x, goal_y) with heading 0 along a dipolar field.
 
@@ -37,22 +39,20 @@ def steer_marine(
     and the sway the measured one (E8). Outputs: surge u [m/s], yaw rate r [rad/s].
 
     In a current the same law is (5.31): u and v are relative to the water, and xdot, ydot those
-    over ground. With `measured` the law measures the current (Vx, Vy) at every instant, as Lemma 3
-    needs; without, it assumes still water. The vehicle then ends within
+    over ground. With `disturbance_measured` the law measures the current at every
+    instant, as Lemma 3 needs; without, it assumes still water. The vehicle then ends within
     `lyapunov.ultimate_bound` of the goal, heading along the current or against it.
 
     Gains: k1 [m/s] the top speed, mu [1/m], k2 [1/s], lam (lambda > 1). Condition for
     convergence of the heading: k1 mu below `lyapunov.surge_gain_limit` (E6).
     """
-    if not isinstance(measured, bool):
-        raise DefinitionError(f"measured of steer_marine is {measured!r}", expected="true or false")
-    sensed = tuple(q for q in system.disturbances if measured and q.name in ("Vx", "Vy"))
-    if measured and len(sensed) != 2:
+    if not isinstance(disturbance_measured, bool):
         raise DefinitionError(
-            f"steer_marine has to measure the current, but system '{system.name}' has none",
-            expected="disturbances Vx and Vy",
+            f"disturbance_measured of steer_marine is {disturbance_measured!r}",
+            expected="true or false",
         )
-    vx, vy = (q.symbol for q in sensed) if measured else (sp.S.Zero, sp.S.Zero)
+    sensed = measured_current("steer_marine", system) if disturbance_measured else ()
+    vx, vy = (q.symbol for q in sensed) if sensed else (sp.S.Zero, sp.S.Zero)
     x, y, psi, v = (symbol(n) for n in ("x", "y", "psi", "v"))
     s = {n: symbol(n) for n in ("goal_x", "goal_y", "k1", "mu", "k2", "lam")}
     x1, y1 = x - s["goal_x"], y - s["goal_y"]

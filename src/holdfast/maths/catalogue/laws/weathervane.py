@@ -66,7 +66,7 @@ def weathervane(
             ),
             *held_gain("k2"),
         ),
-        believed=dict(zip(("Vx", "Vy"), current, strict=True)),
+        believed={q.name: v for q, v in zip(vehicle.current, current, strict=True)},
         description="hold station in a known current, bow into it: the heading is left free",
         source="weathervaning, the usual alternative to the laws of thesis chapter 3",
     )

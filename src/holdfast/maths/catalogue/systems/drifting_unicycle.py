@@ -39,8 +39,8 @@ def drifting_unicycle(
             Quantity("r", "rad/s", "turn rate"),
         ),
         disturbances=(
-            Quantity("Vx", "m/s", "current along x"),
-            Quantity("Vy", "m/s", "current along y"),
+            Quantity("Vx", "m/s", "current along x", role="current"),
+            Quantity("Vy", "m/s", "current along y", role="current"),
         ),
         rates={"x": u * cos + vx, "y": u * sin + vy, "psi": r},
         parameters=(

@@ -23,8 +23,8 @@ STATES = (
     Quantity("r", "rad/s", "yaw rate"),
 )
 CURRENT = (
-    Quantity("Vx", "m/s", "current along x"),
-    Quantity("Vy", "m/s", "current along y"),
+    Quantity("Vx", "m/s", "current along x", role="current"),
+    Quantity("Vy", "m/s", "current along y", role="current"),
 )
 DAMPING = {
     "u": ("Xu", "Xuu", "Xuuu"),

@@ -78,6 +78,9 @@ class Ball(Bounds):
     def ranges(self) -> list[tuple[sp.Expr, sp.Expr]]:
         return [(-self.radius, self.radius)] * self.dimension
 
+    def largest_size(self) -> sp.Expr:
+        return self.radius
+
     def ends(self) -> tuple[sp.Expr, ...]:
         return (self.radius,)
 

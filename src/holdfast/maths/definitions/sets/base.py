@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.expressions.functions import greatest
 
 V = TypeVar("V")
 Row = tuple[tuple[sp.Expr, ...], sp.Expr]
@@ -74,6 +75,11 @@ class Bounds(ABC):
         """The least and the largest value of every member of the set."""
         axes = range(self.dimension)
         return [self.range_along([sp.Integer(i == k) for k in axes]) for i in axes]
+
+    def largest_size(self) -> sp.Expr:
+        """The largest Euclidean norm over the box of the ranges, which no member exceeds."""
+        sizes = (high if low == -high else greatest(-low, high) for low, high in self.ranges())
+        return sp.sqrt(sp.Add(*(size**2 for size in sizes)))
 
     def ends(self) -> tuple[sp.Expr, ...]:
         """Expressions of which one is infinite where the set is not bounded."""

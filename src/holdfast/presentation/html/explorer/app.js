@@ -58,8 +58,8 @@ const page = {
 };
 
 function currentRows() {
-  const a = data.given.indexOf("Vx"), b = data.given.indexOf("Vy");
-  return metric && !still && a >= 0 && b >= 0 ? [a, b] : [];
+  const rows = data.current.map((name) => data.given.indexOf(name));
+  return metric && !still && rows.every((row) => row >= 0) ? rows : [];
 }
 
 const plane = new Plane(byId("plane"), page), strips = new Strips(byId("strips"), page);
