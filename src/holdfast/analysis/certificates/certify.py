@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -56,7 +56,15 @@ from holdfast.analysis.certificates.problem import (
     ranges_of,
 )
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.arguments import checked, renamed
+from holdfast.arguments import (
+    Count,
+    OfStates,
+    RangesOfParameters,
+    RangesOfStates,
+    Seconds,
+    checked,
+    renamed,
+)
 from holdfast.errors import SimulationError
 from holdfast.execution.intervals.enclosure import TURN
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
@@ -298,24 +306,44 @@ CELLS = 101
 """Cells along a state."""
 
 
+class CertifyOptions(TypedDict, total=False):
+    """Those of `certify`, but the candidate, whose own method has them."""
+
+    box: RangesOfStates | None
+    cells: int | Mapping[str, int | Sequence[float]] | None
+    sample_time: Seconds
+    horizon: Seconds | None
+    inputs: int | Mapping[str, int]
+    uncertain: RangesOfParameters | None
+    disturbance: Mapping[str, float] | None
+    target: Region | None
+    errors: OfStates | None
+    delay: Seconds
+    halvings: Count
+    steps: int | None
+    store: str | Path | None
+    margin: float
+    progress: Callable[[str, float], None] | None
+
+
 @renamed(refine="halvings")
 @checked
 def certify(
     system: System,
     region: Region,
     *,
-    box: Mapping[str, Range] | None = None,
+    box: RangesOfStates | None = None,
     cells: int | Mapping[str, int | Sequence[float]] | None = None,
-    sample_time: float = 0.1,
-    horizon: float | None = None,
+    sample_time: Seconds = 0.1,
+    horizon: Seconds | None = None,
     inputs: int | Mapping[str, int] = INPUTS,
-    uncertain: Mapping[str, Range] | None = None,
+    uncertain: RangesOfParameters | None = None,
     disturbance: Mapping[str, float] | None = None,
     target: Region | None = None,
     law: Law | Switching | None = None,
-    errors: Mapping[str, float] | None = None,
-    delay: float = 0.0,
-    halvings: int = 0,
+    errors: OfStates | None = None,
+    delay: Seconds = 0.0,
+    halvings: Count = 0,
     steps: int | None = None,
     store: str | Path | None = None,
     candidate: ValueFunction | None = None,

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from typing import TypedDict
 
 from holdfast.analysis.certificates.driven_out import kept_outside
 from holdfast.analysis.certificates.outer_cells import AHEAD, BACK, KEPT, OuterSet
@@ -24,10 +25,21 @@ from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.analysis.certificates.reached_cells import reached_within
 from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.arguments import checked, renamed
+from holdfast.arguments import Count, Seconds, checked, renamed
 from holdfast.errors import SimulationError
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+
+
+class OuterOptions(TypedDict, total=False):
+    """Those of `outer_set`."""
+
+    target: Region | None
+    cells: int | Mapping[str, int] | None
+    sample_time: Seconds | None
+    inputs: int
+    halvings: Count
+    progress: Callable[[str, float], None] | None
 
 
 @renamed(refine="halvings")
@@ -39,9 +51,9 @@ def outer_set(
     *,
     target: Region | None = None,
     cells: int | Mapping[str, int] | None = None,
-    sample_time: float | None = None,
+    sample_time: Seconds | None = None,
     inputs: int = INPUTS,
-    halvings: int = 0,
+    halvings: Count = 0,
     progress: Callable[[str, float], None] | None = None,
 ) -> OuterSet:
     """Cells outside which no state is of the set that `value` approximates, every rounding counted.

@@ -17,7 +17,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,13 @@ from holdfast.execution.resources import check_memory
 from holdfast.execution.table_in_parts import TableInParts, slopes_at, values_at
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.region import Region
+
+if TYPE_CHECKING:
+    from holdfast.analysis.certificates.certificate import Certificate
+    from holdfast.analysis.certificates.certify import CertifyOptions
+    from holdfast.analysis.certificates.outer_cells import OuterSet
+    from holdfast.analysis.certificates.outer_set import OuterOptions
+    from holdfast.maths.definitions.system import System
 
 
 @dataclass(frozen=True)
@@ -554,13 +561,17 @@ class ValueFunction:
         """The set eroded by its estimated error in cells; needs `estimate_error` of the march."""
         return inner(self)
 
-    def certified(self, system: Any, region: Any, **options: Any) -> Any:
+    def certified(
+        self, system: System, region: Region, **options: Unpack[CertifyOptions]
+    ) -> Certificate:
         """The part of the set that is proved, a certificate: `hf.certify` with this candidate."""
         from holdfast.analysis.certificates.certify import certify
 
         return certify(system, region, candidate=self, **options)
 
-    def outer(self, system: Any, region: Any, **options: Any) -> Any:
+    def outer(
+        self, system: System, region: Region | None, **options: Unpack[OuterOptions]
+    ) -> OuterSet:
         """Cells outside which a state is lost, or not reached, for sure: `hf.outer_set`."""
         from holdfast.analysis.certificates.outer_set import outer_set
 

@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from holdfast.analysis.online.controller import Plant
 from holdfast.analysis.online.decision import DecisionRecord, Status
@@ -314,12 +314,25 @@ class ControllerNode(SampledNode):
 
 
 @checked
+class FilterOptions(TypedDict, total=False):
+    """Those of `FilterNode`."""
+
+    interface: Interface | None
+    name: str
+    namespace: str
+    network: Network | None
+    odometry: str
+    nominal: str
+    command: str
+    patience: float
+
+
 def serve(
     keep: SafetyFilter,
     *,
     said: Callable[[DecisionRecord], None] | None = None,
     seconds: float | None = None,
-    **settings: Any,
+    **settings: Unpack[FilterOptions],
 ) -> None:
     """A `FilterNode` until Ctrl-C or SIGTERM, or for so many seconds.
 

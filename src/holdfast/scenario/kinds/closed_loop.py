@@ -8,15 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import sympy as sp
 
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.analysis.simulation.starts import Starts
+from holdfast.arguments import Seconds
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.resources import Progress
+from holdfast.execution.simulation.settings import SettingsOptions
 from holdfast.host.files import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
@@ -75,6 +77,13 @@ def _altered(data: Mapping[str, Any]) -> Iterator[str]:
     for key, value in data.items():
         if isinstance(value, Mapping):
             yield from (value if key == "kernels" else _altered(value))
+
+
+class RunSettings(SettingsOptions, total=False):
+    """The settings of [run]."""
+
+    horizon: Seconds
+    stepper: str
 
 
 @dataclass(frozen=True)
@@ -180,7 +189,7 @@ class Scenario(Composed):
     def on_device(self, device: str) -> Scenario:
         return self.with_settings(device=device)
 
-    def with_settings(self, **settings: Any) -> Scenario:
+    def with_settings(self, **settings: Unpack[RunSettings]) -> Scenario:
         """The same with other settings of [run]."""
         return replace(self, settings={**self.settings, **settings})
 
@@ -266,14 +275,14 @@ def seeded(text: str, data: dict[str, Any], seed: int | None) -> tuple[str, dict
 
 def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None) -> Scenario:
     """The scenario of tables that are checked already; `shown` is its name or file."""
-    if runs is not None:
-        if runs < 1:
-            raise ScenarioError(f"--runs is {runs}", expected="at least 1")
-        states = spec.starts.states[:runs]
-        starts = spec.starts.model_copy(update={"states": states, "random": runs - len(states)})
-        spec = spec.model_copy(update={"starts": starts})
-        text += f"# runs: {runs}\n"
-    return _composed(shown, text, spec)
+    if runs is None:
+        return _composed(shown, text, spec)
+    if runs < 1:
+        raise ScenarioError(f"--runs is {runs}", expected="at least 1")
+    scenario = _composed(shown, text + f"# runs: {runs}\n", spec)
+    states = scenario.starts.states[:runs]
+    starts = replace(scenario.starts, states=states, random=runs - len(states))
+    return replace(scenario, starts=starts)
 
 
 def about(file: str, text: str, header: Header | FormationHeader) -> dict[str, Any]:
@@ -326,7 +335,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         law=law,
         region=region,
         goal=goal,
-        starts=starts_of(spec, units, file),
+        starts=starts_of(spec.starts, units, file),
         settings=settings_of(spec, units, file),
         disturbance={
             key: _parsed(file, f"disturbance.{key}", value, names | of_state)
