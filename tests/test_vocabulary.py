@@ -10,11 +10,11 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.certificates.certify import CertifyOptions
 from holdfast.analysis.certificates.outer_set import OuterOptions
 from holdfast.analysis.decomposition.parts_law import FilterOptions
 from holdfast.analysis.reachability.problem import Marching, MarchOptions
 from holdfast.analysis.reachability.solve import PosedOptions, solve
+from holdfast.analysis.reachability.value_function import CertifyOptions
 from holdfast.analysis.safety.safety_filter import kept_law
 from holdfast.arguments import Count, OfStates, Seconds, Two
 from holdfast.errors import ArgumentError, RenamedWarning, ScenarioError

@@ -3,42 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import sympy as sp
 from pydantic import Field
 
 from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.certified_law import certified_law
-from holdfast.analysis.certificates.certify import certify
 from holdfast.analysis.certificates.reading import read_certificate
 from holdfast.errors import ScenarioError
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import exact
-from holdfast.scenario.schema.values import Renamed, Section, Text, validated
-
-
-class CertifySpec(
-    Section, of=[certify], without=["box", "disturbance", "steps", "store", "margin"]
-):
-    """[certificate]: what `holdfast certify` asks where its options do not; see `hf.certify`."""
-
-    renamed: ClassVar[Renamed] = {"refine": ("halvings", {})}
-
-
-def certificate_arguments(
-    file: str, table: Mapping[str, Any], system: System, region: Region | None
-) -> dict[str, Any]:
-    """The arguments of `hf.certify` that [certificate] has, in SI units."""
-    spec = validated(CertifySpec, table, file, "certificate")
-    numbers = (*system.parameters, *(region.parameters if region is not None else ()))
-    units = {
-        "states": {q.name: q.unit for q in system.states},
-        "parameters": {q.name: q.unit for q in numbers},
-    }
-    return spec.read(file, "certificate", units)
+from holdfast.scenario.schema.values import Section, Text, validated
 
 
 class CertificateSpec(Section):

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -304,26 +304,6 @@ def _noted(cell: Wholes, left: Wholes, outside: Wholes, captured: Truths) -> Who
 
 CELLS = 101
 """Cells along a state."""
-
-
-class CertifyOptions(TypedDict, total=False):
-    """Those of `certify`, but the candidate, whose own method has them."""
-
-    box: RangesOfStates | None
-    cells: int | Mapping[str, int | Sequence[float]] | None
-    sample_time: Seconds
-    horizon: Seconds | None
-    inputs: int | Mapping[str, int]
-    uncertain: RangesOfParameters | None
-    disturbance: Mapping[str, float] | None
-    target: Region | None
-    errors: OfStates | None
-    delay: Seconds
-    halvings: Count
-    steps: int | None
-    store: str | Path | None
-    margin: float
-    progress: Callable[[str, float], None] | None
 
 
 @renamed(refine="halvings")

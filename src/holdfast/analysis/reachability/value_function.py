@@ -14,10 +14,10 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, Unpack
+from typing import TYPE_CHECKING, Any, Protocol, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,14 @@ from holdfast.analysis.reachability.march_part import largest_change
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.stored_values import ARRIVALS, Layers, StoredTables
 from holdfast.analysis.simulation.files import write_values
-from holdfast.arguments import checked
+from holdfast.arguments import (
+    Count,
+    OfStates,
+    RangesOfParameters,
+    RangesOfStates,
+    Seconds,
+    checked,
+)
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray
 from holdfast.execution.arrays import AnyArray as Array
@@ -41,10 +48,32 @@ from holdfast.maths.definitions.region import Region
 
 if TYPE_CHECKING:
     from holdfast.analysis.certificates.certificate import Certificate
-    from holdfast.analysis.certificates.certify import CertifyOptions
     from holdfast.analysis.certificates.outer_cells import OuterSet
     from holdfast.analysis.certificates.outer_set import OuterOptions
     from holdfast.maths.definitions.system import System
+
+
+class CertifyOptions(TypedDict, total=False):
+    """Those of `hf.certify`, but the candidate, of which they are options.
+
+    They stand here, where they are read without loading what proves.
+    """
+
+    box: RangesOfStates | None
+    cells: int | Mapping[str, int | Sequence[float]] | None
+    sample_time: Seconds
+    horizon: Seconds | None
+    inputs: int | Mapping[str, int]
+    uncertain: RangesOfParameters | None
+    disturbance: Mapping[str, float] | None
+    target: Region | None
+    errors: OfStates | None
+    delay: Seconds
+    halvings: Count
+    steps: int | None
+    store: str | Path | None
+    margin: float
+    progress: Callable[[str, float], None] | None
 
 
 @dataclass(frozen=True)

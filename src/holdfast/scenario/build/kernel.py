@@ -98,9 +98,11 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
                 promised["margin"] = depth_inside(spec.promise.margin, within)
     certificate: dict[str, Any] = {}
     if spec.certificate is not None:
-        from holdfast.scenario.certificate import certificate_arguments  # with proofs
-
-        certificate = certificate_arguments(file, spec.certificate, system, about["region"])
+        numbers = (*system.parameters, *(about["region"].parameters if about["region"] else ()))
+        parameters = {q.name: q.unit for q in numbers}
+        certificate = spec.certificate.read(
+            file, "certificate", {"states": units, "parameters": parameters}
+        )
     for name in spec.figures.plane or ():
         state(name, 0.0, "figures.plane")
     for name in spec.figures.inputs:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import AfterValidator, Field
 
 from holdfast.analysis.decomposition.decompose import decompose
 from holdfast.analysis.reachability import solve
 from holdfast.analysis.reachability.grid import grid
-from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.reachability.value_function import CertifyOptions, ValueFunction
 from holdfast.analysis.safety.validation import check_promise
 from holdfast.scenario.schema.values import (
     Expression,
     Interval,
     Name,
     Plane,
+    Renamed,
     Section,
     Text,
     Value,
@@ -99,6 +100,17 @@ class PromiseSpec(Section, of=[check_promise]):
     margin: Value | None = None
 
 
+class CertificateSpec(
+    Section, of=[CertifyOptions], without=["box", "disturbance", "steps", "store", "margin"]
+):
+    """[certificate]: what `holdfast certify` asks where its options do not; see `hf.certify`.
+
+    The box is that of the grid, and a disturbance is in a table of its own.
+    """
+
+    renamed: ClassVar[Renamed] = {"refine": ("halvings", {})}
+
+
 class SetFiguresSpec(Section):
     """[figures]: the plane, the values of the other states, the optimal inputs to draw in it."""
 
@@ -122,5 +134,5 @@ class KernelSpec(Section):
     march: MarchSpec
     disturbance: dict[Name, Expression] = Field(default_factory=dict)
     promise: PromiseSpec | None = None
-    certificate: dict[str, Any] | None = None
+    certificate: CertificateSpec | None = None
     figures: SetFiguresSpec = SetFiguresSpec()

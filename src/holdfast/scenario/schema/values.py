@@ -169,14 +169,17 @@ def _keys_of(functions: Sequence[Any]) -> dict[str, tuple[Any, Any, Meaning]]:
 
 def arguments_of(of: Any) -> Iterator[tuple[str, Any, Any]]:
     """Names, types and defaults; options that have a type of their own are arguments as well."""
+    if typing.is_typeddict(of):
+        hints = typing.get_type_hints(of, include_extras=True)
+        yield from ((name, hint, None) for name, hint in hints.items())
+        return
     hints = hints_of(of, extras=True)
     made = {f.name: f.default_factory for f in fields(of)} if is_dataclass(of) else {}
     for name, parameter in inspect.signature(of).parameters.items():
         hint, default = hints.get(name, Any), parameter.default
         if typing.get_origin(hint) is typing.Unpack:
             (table,) = typing.get_args(hint)
-            options = typing.get_type_hints(table, include_extras=True)
-            yield from ((option, of_it, None) for option, of_it in options.items())
+            yield from arguments_of(table)
         elif (factory := made.get(name, MISSING)) is not MISSING:
             yield name, hint, factory()
         else:
