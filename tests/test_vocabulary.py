@@ -234,7 +234,7 @@ def test_options_are_typed():
             for f in dataclasses.fields(of) if f.name not in without
         }  # fmt: skip
     for options, function, without in (
-        (FilterOptions, kept_law, {"system", "value", "law", "scales", "errors"}),
+        (FilterOptions, kept_law, {"system", "value", "law", "scales", "errors", "predicts"}),
         (CertifyOptions, hf.certify, {"system", "region", "law", "candidate"}),
         (OuterOptions, hf.outer_set, {"value", "system", "region"}),
         (NodeOptions, FilterNode.__init__, {"self", "keep"}),

@@ -208,7 +208,12 @@ def _check(hint: Any) -> Check:
         return _either([_check(part) for part in inner])
     if origin is typing.Literal:
         shown = ", ".join(map(repr, inner))
-        return lambda value: None if value in inner else f"one of {shown}"
+
+        def one(value: Any) -> Fault:  # an array compares by its entries
+            same = any(isinstance(value, type(v)) and value == v for v in inner)
+            return None if same else f"one of {shown}"
+
+        return one
     if hint is ARRAY:
         return _array
     if isinstance(hint, TypeVar):
