@@ -264,6 +264,14 @@ ADDED = {
     "a finite-difference scheme of kernels": {
         "execution/level_set/schemes/plain.py": SCHEME,
     },
+    "an option of a march": {
+        "analysis/reachability/problem.py": (
+            "    cluster: Any = None\n",
+            "    cluster: Any = None\n    patience: Seconds = 1.0\n",
+            "    cluster: Any\n",
+            "    cluster: Any\n    patience: Seconds\n",
+        ),
+    },
     "a kind of scenario": {
         "scenario/kinds/count.py": KIND,
         "presentation/figures/bars.py": FIGURE,
@@ -382,9 +390,10 @@ def package(tmp_path_factory):
         for name, text in files.items():
             path = folder / "holdfast" / name
             if isinstance(text, tuple):
-                old, new = text
-                assert old in path.read_text("utf-8")
-                text = path.read_text("utf-8").replace(old, new)
+                changes, text = text, path.read_text("utf-8")
+                for old, new in zip(changes[::2], changes[1::2], strict=True):
+                    assert text.count(old) == 1, old
+                    text = text.replace(old, new)
                 added = Path(next(iter(files))).stem
                 text = re.sub(r"ALL = \(\n", f"ALL = (\n    {added},\n", text)
             path.write_text(text, "utf-8")
@@ -424,6 +433,31 @@ def test_scheme_set_vehicle_and_constraint_are_used(package):
     deviation, remembered = said["gusts"]
     assert deviation == pytest.approx(0.2, rel=0.1)
     assert abs(remembered) < 0.15  # after ten times the time of its memory
+
+
+OPTION = """
+import holdfast as hf
+from holdfast.analysis.reachability.problem import marching_of
+
+scene = hf.load_scenario("berth-kernel", ["march.patience=2 min"])
+print(marching_of(scene.options).patience, end=" ")
+try:
+    hf.load_scenario("berth-kernel", ["march.patiense=2 min"])
+except hf.HoldfastError as error:
+    print(error, end=" ")
+try:
+    hf.load_scenario("berth-kernel", ["march.patience=2 m"])
+except hf.HoldfastError as error:
+    print(error)
+"""
+
+
+def test_option_of_a_march_is_a_key_with_its_unit(package):
+    done = called(package, "-c", OPTION)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout.startswith("120.0 ")
+    assert "march.patiense: unknown key; did you mean 'patience'?" in done.stdout
+    assert "march.patience: the unit 'm' does not fit" in done.stdout
 
 
 def test_system_and_experiment_are_used(package):

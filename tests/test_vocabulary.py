@@ -2,24 +2,32 @@
 
 import dataclasses
 import inspect
+import re
 from importlib import resources
-from typing import ForwardRef
+from pathlib import Path
+from typing import Annotated, ForwardRef, Literal
 
 import pytest
+import sympy as sp
 
 import holdfast as hf
+from holdfast.analysis.certificates.outer_set import OuterOptions
 from holdfast.analysis.decomposition.parts_law import FilterOptions
 from holdfast.analysis.reachability.problem import Marching, MarchOptions
 from holdfast.analysis.reachability.solve import PosedOptions, solve
+from holdfast.analysis.reachability.value_function import CertifyOptions
 from holdfast.analysis.safety.safety_filter import kept_law
+from holdfast.arguments import Count, OfStates, Seconds, Two
 from holdfast.errors import ArgumentError, RenamedWarning, ScenarioError
 from holdfast.execution.simulation.settings import Settings, SettingsOptions
-from holdfast.maths.definitions.region import Circle, Cone, Footprint, Segment
+from holdfast.interop.ros2.node import FilterNode
+from holdfast.interop.ros2.node import FilterOptions as NodeOptions
 from holdfast.scenario.load import load_scenario
 from holdfast.scenario.schema import closed_loop as schema
-from holdfast.scenario.schema import kernel as kernel_schema
 from holdfast.scenario.schema import values
 
+ROOT = Path(__file__).parents[1]
+Pair = Annotated[tuple[float, float], Two("k1, k2")]
 OBJECTS = {"system", "law", "region", "value", "result", "progress"}
 """Arguments that are made from other tables of the file, or belong to a running program."""
 
@@ -36,9 +44,9 @@ TABLES = {
             "compare": "hf.compare, below",
             "redesign": "hf.redesign, below",
             "tracking": "hf.track_velocity: its gains by the names of velocities",
-            "safeguard": "hf.safeguard, below",
-            "observer": "hf.observe, below",
-            "safety": "hf.safety_law, below",
+            "safeguard": "hf.safeguard",
+            "observer": "hf.observe",
+            "safety": "hf.safety_law",
             "kernels": "alters other files",
         },
         {
@@ -49,25 +57,6 @@ TABLES = {
             "stepper": "in [run]",
             "start_outside": "in [starts]",
             "settings": "in [run]",
-        },
-    ),
-    "[starts]": (
-        schema.StartsSpec,
-        [hf.Starts],
-        {
-            "every": "short for the same interval of every state of the box",
-            "start_outside": "an argument of simulate, since starts may be an array",
-        },
-        {},
-    ),
-    "[run]": (
-        schema.RunSpec,
-        [Settings],
-        {"stepper": "an argument of simulate"},
-        {
-            "noise_uniform": "in [noise]",
-            "noise_normal": "in [noise]",
-            "threads": "of the machine, not of the experiment",
         },
     ),
     "[varied]": (
@@ -82,24 +71,6 @@ TABLES = {
         {"parameters": "of the laws that the table names"},
         {},
     ),
-    "[safeguard]": (
-        schema.SafeguardSpec,
-        [hf.safeguard],
-        {"rates": "hf.limit_rates, of any law"},
-        {"sample_time": "in [run]"},
-    ),
-    "[observer]": (schema.ObserverSpec, [hf.observe, hf.observe_set], {}, {}),
-    "[safety]": (
-        schema.SafetySpec,
-        [hf.safety_law],
-        {"kernel": "the file that computes the value", "alone": "in Python: no law is given"},
-        {
-            "sample_time": "in [run]",
-            "delay": "in [run]",
-            "scales": "in [safeguard]",
-            "errors": "of the parts of a kernel",
-        },
-    ),
     "[compare]": (
         schema.CompareSpec,
         [hf.compare],
@@ -112,106 +83,14 @@ TABLES = {
         {"history": "the run of histories_figure: a table has one word for each figure"},
         {"cone_run": "the file draws those of the run of the history"},
     ),
-    "[[system.pfaffian]]": (schema.PfaffianSpec, [hf.PfaffianRow], {}, {}),
-    "[system]": (
-        schema.SystemSpec,
-        [hf.System],
-        {},
-        {
-            "input_bounds": "bounds, at each input",
-            "disturbance_bounds": "bounds, at each disturbance",
-            "samples": "of the file's kernel: [march] samples",
-            "promoted": "what promote says of its answer",
-        },
-    ),
-    "a flat output": (
-        values.FlatOutputSpec,
-        [hf.FlatOutput],
-        {},
-        {"antiderivatives": "of Python and of catalogue entries"},
-    ),
-    "a state": (
-        schema.QuantitySpec,
-        [hf.Quantity],
-        {},
-        {"name": "the key", "role": "of disturbances alone"},
-    ),
-    "a disturbance": (
-        schema.DisturbanceSpec,
-        [hf.Quantity],
-        {"bounds": "of the whole system in Python"},
-        {"name": "the key", "angle": "of states alone"},
-    ),
-    "a parameter": (
-        values.ParameterSpec,
-        [hf.Parameter],
-        {},
-        {
-            "name": "the key",
-            "angle": "of states alone",
-            "role": "of disturbances alone",
-            "above": "of catalogue entries alone",
-        },
-    ),
-    "a measurement": (
-        schema.MeasurementSpec,
-        [hf.Measurement],
-        {},
-        {"name": "the key", "angle": "of states alone", "role": "of disturbances alone"},
-    ),
-    "[law]": (
-        schema.LawSpec,
-        [hf.Law, hf.Switching],
-        {"definitions": "Python has variables"},
-        {
-            "conditions": "of catalogue entries alone",
-            "believed": "of catalogue entries alone",
-            "safeguard": "[safeguard]",
-            "lookup": "[safety]",
-            "handed": "the command of another controller: SafetyFilter",
-            "memory": "[observer]",
-            "extra_parameters": "parameters of a law with modes are in one table",
-        },
-    ),
     "a transition": (
         schema.TransitionSpec,
         [hf.Transition],
         {"from": "source: 'from' is no name in Python", "to": "target, beside it"},
         {"source": "from", "target": "to"},
     ),
-    "a constraint": (schema.InequalitySpec, [hf.Inequality], {}, {"name": "the key"}),
-    "[region]": (
-        schema.RegionSpec,
-        [hf.Region],
-        {
-            "constraints": "inequalities: messages and results call them constraints too",
-            "definitions": "Python has variables",
-        },
-        {"inequalities": "constraints", "reads": "what the expressions contain"},
-    ),
-    "a shape": (
-        schema.ShapeSpec,
-        [Segment, Circle, Cone, Footprint],
-        {"kind": "the class"},
-        {},
-    ),
-    "[grid]": (kernel_schema.GridSpec, [hf.grid], {}, {}),
-    "[march]": (
-        kernel_schema.MarchSpec,
-        [hf.capture_basin, hf.backward_reachable_tube],
-        {
-            "times": "of every problem, among its options",
-            "forever": "what the exit status answers",
-            "inner": "ValueFunction.inner of the answer",
-        },
-        {"goal": "[goal]", "grid": "[grid]", "target": "[goal]", "options": "in [march]"},
-    ),
-    "[promise]": (kernel_schema.PromiseSpec, [hf.check_promise], {}, {"goal": "[goal]"}),
 }
-
-
-def words_of(function):
-    return set(inspect.signature(function).parameters)
+"""Tables whose keys are written by hand: they are other tables, or the functions take long to load."""
 
 
 @pytest.mark.parametrize("table", TABLES)
@@ -219,14 +98,55 @@ def test_key_of_a_file_and_argument_of_python_are_one_word(table):
     """What differs is listed, each with its reason; a new difference fails here."""
     spec, functions, of_files, of_python = TABLES[table]
     keys = {field.alias or name for name, field in spec.model_fields.items()}
-    words = set().union(*map(words_of, functions)) - OBJECTS
+    words = {word for f in functions for word in inspect.signature(f).parameters} - OBJECTS
     assert keys - words - OBJECTS == set(of_files), "keys that Python does not know"
     assert words - keys == set(of_python), "arguments that files do not know"
 
 
-def test_kernel_file_passes_every_option_of_a_march_on():
-    assert kernel_schema.MarchSpec.model_config["extra"] == "allow"
-    assert {"order", "precision", "tolerance"} <= set(Marching.__dataclass_fields__)
+def dwell(place: hf.Region, hold: Seconds, drift: OfStates, gains: Pair, level: sp.Expr = 0,
+          tries: Count = 3, how: Literal["slow", "fast"] = "slow") -> None:  # fmt: skip
+    """A function that a table is of."""
+
+
+class DwellSpec(values.Section, of=[dwell], without=["how"]):
+    note: str = ""
+
+
+UNITS = {"states": {"x": "m", "psi": "rad"}}
+
+
+def test_keys_of_a_table_are_the_arguments_of_its_function():
+    """Names, types, units and defaults are said in the signature alone."""
+    written = {"hold": "2 min", "drift": {"x": "5 cm"}, "gains": [1, 2], "level": "x**2"}
+    spec = values.validated(DwellSpec, written, "a.toml", "dwell")
+    assert set(DwellSpec.model_fields) == {"note", "hold", "drift", "gains", "level", "tries"}
+    x = hf.symbol("x")
+    read = spec.read("a.toml", "dwell", UNITS, {"x": x})
+    assert read == {"hold": 120.0, "drift": {"x": 0.05}, "gains": (1, 2), "level": x**2}
+    assert spec.read("a.toml", "dwell", UNITS, {"x": x}, defaults=True) == read | {"tries": 3}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"held": 1}, "a.toml: dwell.held: unknown key; did you mean 'hold'"),
+        ({"hold": None}, "a.toml: dwell.hold: missing key; add it"),
+        ({"hold": "2 kg"}, r"a.toml: dwell.hold: .*expected a unit of time|a.toml: dwell.hold: "),
+        ({"hold": True}, "a.toml: dwell.hold: got True; expected a valid number"),
+        ({"tries": -1}, "a.toml: dwell.tries: got -1; expected greater than or equal to 0"),
+        ({"tries": 2.5}, "a.toml: dwell.tries: got 2.5; expected a valid integer"),
+        ({"gains": [1]}, r"a.toml: dwell.gains: got \[1\]; expected two numbers \[k1, k2\]"),
+        ({"drift": {"y": 1}}, "a.toml: dwell.drift.y: unknown name; allowed: psi, x"),
+        ({"level": "x + q"}, "a.toml: dwell.level: .*'q'"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_file_and_key(change, said):
+    written = {"hold": 1, "drift": {}, "gains": [1, 2], **change}
+    table = {n: value for n, value in written.items() if value is not None}
+    with pytest.raises(ScenarioError, match=said):
+        values.validated(DwellSpec, table, "a.toml", "dwell").read(
+            "a.toml", "dwell", UNITS, {"x": hf.symbol("x")}
+        )
 
 
 def test_noise_of_a_file_is_the_noise_of_python_by_two_words():
@@ -351,7 +271,64 @@ def test_options_are_typed():
             f.name: ForwardRef(f.type, module=f"{options.__module__}", is_class=True)
             for f in dataclasses.fields(of) if f.name not in without
         }  # fmt: skip
-    taken = inspect.signature(kept_law).parameters
-    assert set(FilterOptions.__annotations__) <= set(taken)
+    for options, function, without in (
+        (FilterOptions, kept_law, {"system", "value", "law", "scales", "errors", "predicts"}),
+        (CertifyOptions, hf.certify, {"system", "region", "law", "candidate"}),
+        (OuterOptions, hf.outer_set, {"value", "system", "region"}),
+        (NodeOptions, FilterNode.__init__, {"self", "keep"}),
+    ):
+        taken = {n: p.annotation for n, p in inspect.signature(function).parameters.items()}
+        assert set(taken) - without == set(options.__annotations__)
+        for name, hint in options.__annotations__.items():
+            assert hint.__forward_arg__ == taken[name], (function, name)
     asked = set(inspect.signature(solve).parameters) - {"arrival_steps"}
     assert set(PosedOptions.__annotations__) - set(MarchOptions.__annotations__) <= asked
+
+
+FREE = {
+    "ValueFunction.reported": "entries of the report",
+    "PartsValue.reported": "entries of the report",
+    "ValueFunction.slice": "states of its grid",
+    "load_vehicle": "parameters of the vehicle",
+    "systems.marine_craft": "parameters of the vehicle",
+    "systems.marine_vehicle": "parameters of the vehicle",
+}
+"""Public functions that take any name, with what the names are of."""
+
+
+def with_options():
+    """The public functions and methods that take options, and the types of these."""
+    for name in hf.__all__:
+        of = getattr(hf, name)
+        members = vars(of).items() if inspect.isclass(of) or inspect.ismodule(of) else [("", of)]
+        for member, function in members:
+            if not inspect.isfunction(function) or member.startswith("_"):
+                continue
+            for parameter in inspect.signature(function).parameters.values():
+                if parameter.kind is parameter.VAR_KEYWORD:
+                    yield f"{name}.{member}".strip("."), str(parameter.annotation)
+
+
+def test_options_of_every_public_function_are_typed():
+    free = {name for name, hint in with_options() if not hint.startswith("Unpack[")}
+    assert free == set(FREE)
+
+
+def test_a_misspelt_option_is_refused_by_a_type_checker(tmp_path):
+    mypy = pytest.importorskip("mypy.api")
+    typed = sorted({name for name, _ in with_options()} - set(FREE))
+    calls = [f"    hf.{name}(*every, precison=1)" for name in typed]
+    lines = [
+        "from typing import Any",
+        "import holdfast as hf",
+        "def f(every: Any) -> None:",
+        *calls,
+    ]
+    (tmp_path / "calls.py").write_text("\n".join(lines) + "\n")
+    cache = str(ROOT / ".mypy_cache")
+    said, _, _ = mypy.run(
+        ["--strict", "--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", cache,
+         str(tmp_path / "calls.py")]
+    )  # fmt: skip
+    refused = re.findall(r'Unexpected keyword argument "precison" for "(\w+)"', said)
+    assert sorted(refused) == sorted(name.rpartition(".")[2] for name in typed), said

@@ -12,15 +12,17 @@ from __future__ import annotations
 import builtins
 import inspect
 import math
+import sys
 import types
 import typing
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import wraps
 from numbers import Real
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import sympy as sp
 
@@ -45,6 +47,42 @@ Fault = str | None
 """Returns what was expected of a value; None if the value fits."""
 
 Check = Callable[[Any], Fault]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Of an argument: the unit of its numbers; "" is that of the argument `unit` beside it."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class UnitsOf:
+    """Of an argument that is a table by name: what its names are, and so what units they have."""
+
+    what: str
+
+
+@dataclass(frozen=True)
+class Least:
+    """Of an argument: its least value."""
+
+    value: int
+
+
+@dataclass(frozen=True)
+class Two:
+    """Of an argument of two numbers: what they are."""
+
+    names: str
+
+
+InItsUnit = Annotated[float, Unit("")]
+Seconds = Annotated[float, Unit("s")]
+Count = Annotated[int, Least(0)]
+OfStates = Annotated[Mapping[str, float], UnitsOf("states")]
+RangesOfStates = Annotated[Mapping[str, tuple[float, float]], UnitsOf("states")]
+RangesOfParameters = Annotated[Mapping[str, tuple[float, float]], UnitsOf("parameters")]
 
 
 def checked(of: T) -> T:
@@ -133,10 +171,16 @@ def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     return call
 
 
+def hints_of(of: Any, *, extras: bool = False) -> dict[str, Any]:
+    """The annotated types of a function or of a class; extras: with what is `Annotated`."""
+    whole = inspect.unwrap(of)
+    namespace = getattr(whole, "__globals__", None) or vars(sys.modules[whole.__module__])
+    return typing.get_type_hints(of, namespace, _Unknown(namespace), include_extras=extras)
+
+
 def _hints(function: Callable[..., Any], signature: inspect.Signature) -> dict[str, Any]:
     """The annotated type of every argument; *args are a list, **kwargs a table."""
-    names = _Unknown(inspect.unwrap(function).__globals__)
-    annotated = typing.get_type_hints(function, localns=names)
+    annotated = hints_of(function)
     annotated |= {n: ARRAY for n, raw in function.__annotations__.items() if raw == "npt.ArrayLike"}
     hints: dict[str, Any] = {"return": Any}
     for name, parameter in signature.parameters.items():
@@ -181,7 +225,12 @@ def _check(hint: Any) -> Check:
         return _either([_check(part) for part in inner])
     if origin is typing.Literal:
         shown = ", ".join(map(repr, inner))
-        return lambda value: None if value in inner else f"one of {shown}"
+
+        def one(value: Any) -> Fault:  # an array compares by its entries
+            same = any(isinstance(value, type(v)) and value == v for v in inner)
+            return None if same else f"one of {shown}"
+
+        return one
     if hint is ARRAY:
         return _array
     if isinstance(hint, TypeVar):

@@ -37,12 +37,25 @@ from holdfast.maths.definitions.system import System
 from holdfast.scenario.build.composer import LATE
 from holdfast.scenario.files import merged, read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
-from holdfast.scenario.schema.closed_loop import SafetySpec, ScenarioSpec
+from holdfast.scenario.schema.closed_loop import ScenarioSpec
 from holdfast.scenario.schema.kernel import PROBLEMS
-from holdfast.scenario.schema.values import at
+from holdfast.scenario.schema.values import Section, Text, at, validated
 
 DECISIVE = ("system", "region", "goal", "origin", "disturbance", "grid", "march")
 """The tables that determine a value function, in addition to the kind."""
+
+
+class SafetySpec(Section, of=[safety_law], without=["sample_time", "delay", "scales", "errors"]):
+    """[safety], a safety filter: the least change of the inputs that keeps the state in a kernel.
+
+    kernel: a scenario that computes it, for the [system] of this one, or a file of a value
+    function. alone: the optimal inputs replace the law's; if they are velocities of this system,
+    [tracking] follows them. ahead: the seconds that the sampled game may take, or false for none.
+    Times are in [run], scales in [safeguard], and errors are of the parts of a kernel.
+    """
+
+    kernel: Text
+    alone: bool = False
 
 
 @dataclass(frozen=True)
@@ -226,14 +239,16 @@ def _loaded(path: str) -> ValueFunction:
 
 @dataclass(frozen=True)
 class Safety:
-    """The kernel of a safety filter, and the settings of the filter.
+    """The kernel of a safety filter, and the settings of the filter: arguments of `safety_law`.
 
-    tracking: the gains by which the vehicle follows velocities, where those are the inputs of the
-    kernel; None where its inputs are the vehicle's own.
+    alone: whether the optimal inputs replace those of the law. tracking: the gains by which the
+    vehicle follows velocities, where those are the inputs of the kernel; None where its inputs are
+    the vehicle's own.
     """
 
     kernel: NamedKernel
-    spec: SafetySpec
+    alone: bool
+    settings: Mapping[str, Any]
     tracking: Mapping[str, float] | None
 
     def kept(
@@ -257,12 +272,10 @@ class Safety:
         return safety_law(
             system,
             value,
-            None if self.spec.alone else law,
-            rate=self.spec.rate,
-            margin=self.spec.margin,
-            ahead=self.spec.ahead,
+            None if self.alone else law,
             sample_time=sample_time,
             delay=delay,
+            **self.settings,
         )
 
     def value(
@@ -292,14 +305,16 @@ def composed_safety(file: str, spec: ScenarioSpec, system: System) -> Safety:
             raise ScenarioError(
                 f"{file}: safety: cannot be combined with [{other}]", remedy="leave one of them out"
             )
+    asked = validated(SafetySpec, spec.safety, file, "safety")
     with at(file, "safety"):
-        kernel = named_kernel(spec.safety.kernel, spec.system, spec.kernels)
+        kernel = named_kernel(asked.kernel, spec.system, spec.kernels)
         inputs = () if kernel.scenario is None else kernel.scenario.system.input_names
         velocities = [n for n in inputs if n in system.state_names]  # of the vehicle, as inputs
-        if velocities and not (spec.safety.alone and spec.tracking is not None):
+        if velocities and not (asked.alone and spec.tracking is not None):
             raise ScenarioError(
                 f"the kernel of '{kernel.name}' has the inputs {' and '.join(velocities)}, "
                 "which are states here",
                 expected="alone = true, and [tracking] to follow them",
             )
-        return Safety(kernel, spec.safety, spec.tracking if velocities else None)
+        settings = asked.read(file, "safety")
+        return Safety(kernel, asked.alone, settings, spec.tracking if velocities else None)

@@ -196,7 +196,8 @@ def rest_of(loaded: Scenario) -> object:
     safety = loaded.safety
     identity = None
     if safety is not None:  # the kernel is another one where it is computed for another vehicle
-        identity = (safety.kernel.name, safety.kernel.digest, repr(safety.spec), safety.tracking)
+        kernel, how = safety.kernel, repr((safety.alone, dict(safety.settings)))
+        identity = (kernel.name, kernel.digest, how, safety.tracking)
     return substance(parts), settings, loaded.starts, loaded.start_outside, identity
 
 

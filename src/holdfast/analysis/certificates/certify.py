@@ -58,7 +58,15 @@ from holdfast.analysis.certificates.problem import (
 )
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.march_report import Report
-from holdfast.arguments import checked, renamed
+from holdfast.arguments import (
+    Count,
+    OfStates,
+    RangesOfParameters,
+    RangesOfStates,
+    Seconds,
+    checked,
+    renamed,
+)
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray, Array, Ranks, Truths, Wholes
 from holdfast.execution.intervals.enclosure import TURN
@@ -389,18 +397,18 @@ def certify(
     system: System,
     region: Region,
     *,
-    box: Mapping[str, Range] | None = None,
+    box: RangesOfStates | None = None,
     cells: int | Mapping[str, int | Sequence[float]] | None = None,
-    sample_time: float = 0.1,
-    horizon: float | None = None,
+    sample_time: Seconds = 0.1,
+    horizon: Seconds | None = None,
     inputs: int | Mapping[str, int] = INPUTS,
-    uncertain: Mapping[str, Range] | None = None,
+    uncertain: RangesOfParameters | None = None,
     disturbance: Mapping[str, float] | None = None,
     target: Region | None = None,
     law: Law | Switching | None = None,
-    errors: Mapping[str, float] | None = None,
-    delay: float = 0.0,
-    halvings: int = 0,
+    errors: OfStates | None = None,
+    delay: Seconds = 0.0,
+    halvings: Count = 0,
     steps: int | None = None,
     store: str | Path | None = None,
     candidate: SetOnGrid | None = None,

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +35,7 @@ from holdfast.analysis.certificates.images import sure_of, where
 from holdfast.analysis.certificates.problem import INPUTS, parameters_of, ranges_of
 from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.analysis.simulation.files import write_netcdf
-from holdfast.arguments import checked, renamed
+from holdfast.arguments import Count, Seconds, checked, renamed
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array, Truths, Wholes
 from holdfast.execution.intervals.enclosure import Enclosure
@@ -500,6 +500,17 @@ def _note(noted: Truths, cells: Cells, low: Array, high: Array) -> None:
     noted |= (sums > 0).reshape(-1)
 
 
+class OuterOptions(TypedDict, total=False):
+    """Those of `outer_set`."""
+
+    target: Region | None
+    cells: int | Mapping[str, int] | None
+    sample_time: Seconds | None
+    inputs: int
+    halvings: Count
+    progress: Callable[[str, float], None] | None
+
+
 @renamed(refine="halvings")
 @checked
 def outer_set(
@@ -509,9 +520,9 @@ def outer_set(
     *,
     target: Region | None = None,
     cells: int | Mapping[str, int] | None = None,
-    sample_time: float | None = None,
+    sample_time: Seconds | None = None,
     inputs: int = INPUTS,
-    halvings: int = 0,
+    halvings: Count = 0,
     progress: Callable[[str, float], None] | None = None,
 ) -> OuterSet:
     """Cells outside which no state is of the set that `value` approximates, every rounding counted.

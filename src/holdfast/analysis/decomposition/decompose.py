@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 import sympy as sp
@@ -27,7 +27,7 @@ from holdfast.analysis.reachability import solve
 from holdfast.analysis.reachability.grid import TURN, by_name, grid, whole
 from holdfast.analysis.reachability.problem import CutOffError, with_disturbance
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.arguments import checked
+from holdfast.arguments import UnitsOf, checked
 from holdfast.errors import SimulationError, check_name
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.resources import Progress
@@ -426,7 +426,7 @@ def decompose(
     goal: Region | None = None,
     disturbances: str = "min",
     disturbance: Mapping[str, float] | None = None,
-    cut: Mapping[str, tuple[float, float] | None] | None = None,
+    cut: Annotated[Mapping[str, tuple[float, float] | None], UnitsOf("states")] | None = None,
     lag_share: float | None = None,
     box: Mapping[str, tuple[float, float]] | None = None,
 ) -> Decomposition:

@@ -135,7 +135,7 @@ def filter_of(
     constraints: Region | None,
     disturbance_measured: bool,
     worst: Sequence[str],
-    uncertain: Mapping[str, Sequence[float]] | None,
+    uncertain: Mapping[str, tuple[float, float]] | None,
     scales: Mapping[str, float] | None,
     predicts: bool,
 ) -> Made:

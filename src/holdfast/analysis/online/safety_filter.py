@@ -349,7 +349,7 @@ class SafetyFilter:
         constraints: Region | None = None,
         disturbance_measured: bool = False,
         worst: Sequence[str] = (),
-        uncertain: Mapping[str, Sequence[float]] | None = None,
+        uncertain: Mapping[str, tuple[float, float]] | None = None,
         states: Sequence[str] | None = None,
         bandwidth: float = 2.0,
         error_bounds: Mapping[str, float] | None = None,

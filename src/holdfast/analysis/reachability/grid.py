@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import RangesOfStates, checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import ENDS
@@ -131,7 +131,7 @@ class Grid:
 @checked
 def grid(
     system: System,
-    box: Mapping[str, tuple[float, float]],
+    box: RangesOfStates,
     nodes: int | Mapping[str, int],
     ends: Mapping[str, str] | None = None,
 ) -> Grid:

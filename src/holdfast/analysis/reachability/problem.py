@@ -11,13 +11,14 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, Literal, NamedTuple, TypedDict
 
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.reachability.grid import Grid, by_name, number, whole
+from holdfast.arguments import Seconds
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.device.program import DEVICES
 from holdfast.execution.level_set.march import Method, over_grid
@@ -27,6 +28,8 @@ from holdfast.maths.definitions.bounds import section
 from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+
+Player = Literal["min", "max"]
 
 REFINEMENTS = (1, 2, 4, 8)
 """How many times shorter the cells near a boundary may be."""
@@ -91,7 +94,7 @@ class Marching:
     threads: int | None = None
     symmetry: Mapping[str, int] | None = None
     checkpoint: str | Path | None = None
-    checkpoint_every: float = 60.0
+    checkpoint_every: Seconds = 60.0
     refine: int = 1
     samples: int | None = None
     estimate_error: bool | str = False
@@ -205,7 +208,7 @@ class MarchOptions(TypedDict, total=False):
     threads: int | None
     symmetry: Mapping[str, int] | None
     checkpoint: str | Path | None
-    checkpoint_every: float
+    checkpoint_every: Seconds
     refine: int
     samples: int | None
     estimate_error: bool | str

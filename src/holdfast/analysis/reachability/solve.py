@@ -24,6 +24,7 @@ from holdfast.analysis.reachability.one_march import Progress, Until, marched, m
 from holdfast.analysis.reachability.posed_march import check_refined, hamiltonian_of
 from holdfast.analysis.reachability.problem import (
     MarchOptions,
+    Player,
     Posed,
     Problem,
     check_counts,
@@ -38,7 +39,7 @@ from holdfast.analysis.reachability.value_function import (
     to_value_function,
     with_error_in_cells,
 )
-from holdfast.arguments import checked
+from holdfast.arguments import Count, Seconds, checked
 from holdfast.errors import HoldfastError, RenamedWarning, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import over_grid
@@ -198,8 +199,8 @@ class PosedOptions(MarchOptions, total=False):
 
     disturbance: Mapping[str, float | sp.Expr] | None
     parameters: Mapping[str, float] | None
-    times: Sequence[float] | None
-    start_time: float
+    times: Sequence[Seconds] | None
+    start_time: Seconds
     begin: ValueFunction | None
     until: Until | None
 
@@ -214,13 +215,13 @@ def solve(
     system: System,
     problem: Problem,
     grid: Grid,
-    horizon: float,
+    horizon: Seconds,
     *,
     disturbance: Mapping[str, float | sp.Expr] | None = None,
     parameters: Mapping[str, float] | None = None,
-    times: Sequence[float] | None = None,
-    arrival_steps: int | None = None,
-    start_time: float = 0.0,
+    times: Sequence[Seconds] | None = None,
+    arrival_steps: Count | None = None,
+    start_time: Seconds = 0.0,
     progress: Progress | None = None,
     begin: ValueFunction | None = None,
     until: Until | None = None,
@@ -360,7 +361,7 @@ def set_on_grid(
 
 @checked
 def viability_kernel(
-    system: System, region: Region, grid: Grid, horizon: float, **options: Unpack[SolveOptions]
+    system: System, region: Region, grid: Grid, horizon: Seconds, **options: Unpack[SolveOptions]
 ) -> ValueFunction:
     """The states from which some input keeps the system in `region` for `horizon` seconds.
 
@@ -388,7 +389,7 @@ def _undecided(system: System, options: Mapping[str, Any]) -> bool:
 
 @checked
 def discriminating_kernel(
-    system: System, region: Region, grid: Grid, horizon: float, **options: Unpack[SolveOptions]
+    system: System, region: Region, grid: Grid, horizon: Seconds, **options: Unpack[SolveOptions]
 ) -> ValueFunction:
     """The states from which some input keeps the system in `region` whatever the disturbance does.
 
@@ -402,7 +403,7 @@ def discriminating_kernel(
 
 @checked
 def invariance_kernel(
-    system: System, region: Region, grid: Grid, horizon: float, **options: Unpack[SolveOptions]
+    system: System, region: Region, grid: Grid, horizon: Seconds, **options: Unpack[SolveOptions]
 ) -> ValueFunction:
     """The states from which every input and every disturbance keeps the system in `region`.
 
@@ -417,9 +418,9 @@ def backward_reachable_tube(
     system: System,
     target: Region,
     grid: Grid,
-    horizon: float,
+    horizon: Seconds,
     *,
-    disturbances: str = "min",
+    disturbances: Player = "min",
     **options: Unpack[SolveOptions],
 ) -> ValueFunction:
     """The states from which some input brings the system to `target` within `horizon` seconds.
@@ -436,9 +437,9 @@ def backward_reachable_at(
     system: System,
     target: Region,
     grid: Grid,
-    horizon: float,
+    horizon: Seconds,
     *,
-    disturbances: str = "min",
+    disturbances: Player = "min",
     **options: Unpack[SolveOptions],
 ) -> ValueFunction:
     """The states from which some input has the system in `target` after exactly `horizon` seconds.
@@ -455,7 +456,15 @@ def backward_reachable_at(
     return solve(system, problem, grid, horizon, **options)
 
 
-def backward_reachable_set(*arguments: Any, **options: Any) -> ValueFunction:
+def backward_reachable_set(
+    system: System,
+    target: Region,
+    grid: Grid,
+    horizon: Seconds,
+    *,
+    disturbances: Player = "min",
+    **options: Unpack[SolveOptions],
+) -> ValueFunction:
     """The former name of `backward_reachable_tube`; it warns, and goes with the next release."""
     warnings.warn(
         "backward_reachable_set is now backward_reachable_tube; the set at exactly the horizon is "
@@ -463,7 +472,9 @@ def backward_reachable_set(*arguments: Any, **options: Any) -> ValueFunction:
         RenamedWarning,
         stacklevel=2,
     )
-    return backward_reachable_tube(*arguments, **options)
+    return backward_reachable_tube(
+        system, target, grid, horizon, disturbances=disturbances, **options
+    )
 
 
 @checked
@@ -471,9 +482,9 @@ def forward_reachable_set(
     system: System,
     start: Region,
     grid: Grid,
-    horizon: float,
+    horizon: Seconds,
     *,
-    disturbances: str = "max",
+    disturbances: Player = "max",
     **options: Unpack[SolveOptions],
 ) -> ValueFunction:
     """The states that some input, and some disturbance, can bring the system to from `start`.
@@ -495,9 +506,9 @@ def capture_basin(
     goal: Region,
     region: Region | None,
     grid: Grid,
-    horizon: float,
+    horizon: Seconds,
     *,
-    arrival_steps: int | None = None,
+    arrival_steps: Count | None = None,
     **options: Unpack[SolveOptions],
 ) -> ValueFunction:
     """The states from which some input reaches `goal` within `horizon` s, in `region` until then.
@@ -579,7 +590,7 @@ class Margin:
     name: str
     unit: str
     keeps: bool
-    horizon: float
+    horizon: Seconds
     forever: bool
     tolerance: float
     monotone: bool

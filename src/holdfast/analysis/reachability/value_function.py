@@ -14,10 +14,10 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,14 @@ from holdfast.analysis.reachability.grid import Axis, Grid, largest_change, numb
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.stored_values import ARRIVALS, Layers, StoredTables
 from holdfast.analysis.simulation.files import write_values
-from holdfast.arguments import checked
+from holdfast.arguments import (
+    Count,
+    OfStates,
+    RangesOfParameters,
+    RangesOfStates,
+    Seconds,
+    checked,
+)
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray
 from holdfast.execution.arrays import AnyArray as Array
@@ -37,6 +44,34 @@ from holdfast.execution.resources import check_memory
 from holdfast.execution.table_in_parts import TableInParts, slopes_at, values_at
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.region import Region
+
+if TYPE_CHECKING:
+    from holdfast.analysis.certificates.certificate import Certificate
+    from holdfast.analysis.certificates.outer_set import OuterOptions, OuterSet
+    from holdfast.maths.definitions.system import System
+
+
+class CertifyOptions(TypedDict, total=False):
+    """Those of `hf.certify`, but the candidate, of which they are options.
+
+    They stand here, where they are read without loading what proves.
+    """
+
+    box: RangesOfStates | None
+    cells: int | Mapping[str, int | Sequence[float]] | None
+    sample_time: Seconds
+    horizon: Seconds | None
+    inputs: int | Mapping[str, int]
+    uncertain: RangesOfParameters | None
+    disturbance: Mapping[str, float] | None
+    target: Region | None
+    errors: OfStates | None
+    delay: Seconds
+    halvings: Count
+    steps: int | None
+    store: str | Path | None
+    margin: float
+    progress: Callable[[str, float], None] | None
 
 
 @dataclass(frozen=True)
@@ -561,13 +596,17 @@ class ValueFunction:
         """The set eroded by its estimated error in cells; needs `estimate_error` of the march."""
         return inner(self)
 
-    def certified(self, system: Any, region: Any, **options: Any) -> Any:
+    def certified(
+        self, system: System, region: Region, **options: Unpack[CertifyOptions]
+    ) -> Certificate:
         """The part of the set that is proved, a certificate: `hf.certify` with this candidate."""
         from holdfast.analysis.certificates.certify import certify
 
         return certify(system, region, candidate=self, **options)
 
-    def outer(self, system: Any, region: Any, **options: Any) -> Any:
+    def outer(
+        self, system: System, region: Region | None, **options: Unpack[OuterOptions]
+    ) -> OuterSet:
         """Cells outside which a state is lost, or not reached, for sure: `hf.outer_set`."""
         from holdfast.analysis.certificates.outer_set import outer_set
 

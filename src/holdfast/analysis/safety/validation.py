@@ -44,7 +44,7 @@ from holdfast.analysis.safety.sampled_value import sampled_value
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
-from holdfast.arguments import checked
+from holdfast.arguments import Count, Seconds, checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray, Array, Truths
 from holdfast.execution.leaf import Evaluator
@@ -439,10 +439,10 @@ def check_promise(
     *,
     goal: Region | None = None,
     law: Law | Switching | None = None,
-    runs: int = 1000,
+    runs: Count = 1000,
     margin: float | None = None,
-    horizon: float | None = None,
-    sample_time: float = 0.02,
+    horizon: Seconds | None = None,
+    sample_time: Seconds = 0.02,
     rate: float | None = None,
     seed: int = 0,
     progress: Progress | None = None,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from holdfast.arguments import checked
+from holdfast.arguments import Count, OfStates, RangesOfStates, checked
 from holdfast.errors import SimulationError, check_name, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
@@ -31,9 +31,9 @@ class Starts:
     states are moved to where those of a group are 0 together, the groups taking turns.
     """
 
-    states: Sequence[Mapping[str, float]] = ()
-    random: int = 0
-    box: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    states: Sequence[OfStates] = ()
+    random: Count = 0
+    box: RangesOfStates = field(default_factory=dict)
     active: Sequence[Sequence[str]] = ()
 
     @property

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypedDict
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.arguments import checked
+from holdfast.arguments import OfStates, Seconds, checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
@@ -33,18 +33,18 @@ class Settings:
     same kernel compiled by the C++ compiler of this machine.
     """
 
-    horizon: float
-    sample_time: float = 0.02
+    horizon: Seconds
+    sample_time: Seconds = 0.02
     substeps: int = 2
-    record_every: float = 0.1
+    record_every: Seconds = 0.1
     continuous: bool = False
     absolute: float = 1e-9
     relative: float = 1e-9
     tolerance: float = 0.0
-    noise_uniform: Mapping[str, float] = field(default_factory=dict)
-    noise_normal: Mapping[str, float] = field(default_factory=dict)
+    noise_uniform: OfStates = field(default_factory=dict)
+    noise_normal: OfStates = field(default_factory=dict)
     switch_limit: int = 10
-    delay: float = 0.0
+    delay: Seconds = 0.0
     until_goal: bool = False
     seed: int = 0
     threads: int = 0
@@ -229,17 +229,17 @@ def blank(program: ClosedLoopProgram, settings: Settings, varied: Array) -> Traj
 class SettingsOptions(TypedDict, total=False):
     """The fields of `Settings` but the horizon, as options of a function."""
 
-    sample_time: float
+    sample_time: Seconds
     substeps: int
-    record_every: float
+    record_every: Seconds
     continuous: bool
     absolute: float
     relative: float
     tolerance: float
-    noise_uniform: Mapping[str, float]
-    noise_normal: Mapping[str, float]
+    noise_uniform: OfStates
+    noise_normal: OfStates
     switch_limit: int
-    delay: float
+    delay: Seconds
     until_goal: bool
     seed: int
     threads: int

@@ -25,7 +25,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import xxhash
 import zenoh
@@ -661,13 +661,26 @@ class ControllerNode(SampledNode):
             self._command.send(self.interface.wrap(named, time.time_ns()))
 
 
+class FilterOptions(TypedDict, total=False):
+    """Those of `FilterNode`."""
+
+    interface: Interface | None
+    name: str
+    namespace: str
+    network: Network | None
+    odometry: str
+    nominal: str
+    command: str
+    patience: float
+
+
 @checked
 def serve(
     keep: SafetyFilter,
     *,
     said: Callable[[DecisionRecord], None] | None = None,
     seconds: float | None = None,
-    **settings: Any,
+    **settings: Unpack[FilterOptions],
 ) -> None:
     """A `FilterNode` until Ctrl-C or SIGTERM, or for so many seconds.
 

@@ -64,10 +64,11 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Annotated
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import OfStates, UnitsOf, checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.prediction import check_not_predicted
 from holdfast.maths.control.safety_filter import over_time
@@ -410,8 +411,8 @@ def observe_set(
     *,
     measured: Sequence[str] | None = None,
     bandwidth: float = 2.0,
-    error_bounds: Mapping[str, float],
-    rate_bounds: Mapping[str, float] | None = None,
+    error_bounds: OfStates,
+    rate_bounds: Annotated[Mapping[str, float], UnitsOf("rates")] | None = None,
 ) -> Switching:
     """`law` with a guaranteed set of the disturbance, which its safety filter counts as a whole.
 

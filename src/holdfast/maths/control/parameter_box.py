@@ -79,7 +79,7 @@ class ParameterBox:
 
 
 def parameter_box(
-    uncertain: Mapping[str, Sequence[float]] | None, system: System, region: Region
+    uncertain: Mapping[str, tuple[float, float]] | None, system: System, region: Region
 ) -> ParameterBox:
     """The box of the named ranges (least, most), in the unit of each parameter.
 

@@ -50,11 +50,11 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TypeVar, cast
+from typing import Annotated, TypeVar, cast
 
 import sympy as sp
 
-from holdfast.arguments import checked, renamed
+from holdfast.arguments import RangesOfParameters, Seconds, Two, UnitsOf, checked, renamed
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.barrier_conditions import (
     ViabilityCondition,
@@ -263,13 +263,13 @@ def safeguard(
     region: Region,
     *,
     constraints: Region | None = None,
-    gains: tuple[float, float] | None = None,
-    margins: Mapping[str, float] | None = None,
+    gains: Annotated[tuple[float, float], Two("k1, k2")] | None = None,
+    margins: Annotated[Mapping[str, float], UnitsOf("constraints")] | None = None,
     scales: Mapping[str, float] | None = None,
     disturbance_measured: bool = False,
     worst: Sequence[str] = (),
-    uncertain: Mapping[str, Sequence[float]] | None = None,
-    sample_time: float | None = None,
+    uncertain: RangesOfParameters | None = None,
+    sample_time: Seconds | None = None,
 ) -> L:
     """`law` with a safety filter: the least change of its inputs that keeps `region` viable.
 
@@ -552,7 +552,7 @@ def _is_number(value: object) -> bool:
 
 @checked
 def limit_rates(
-    system: System, law: Law | Switching, rates: Mapping[str, float]
+    system: System, law: Law | Switching, rates: Annotated[Mapping[str, float], UnitsOf("rates")]
 ) -> Law | Switching:
     """`law` with its inputs, or the rates of states, kept from changing faster.
 

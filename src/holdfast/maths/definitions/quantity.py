@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import InItsUnit, checked
 from holdfast.errors import DefinitionError, HoldfastError
 from holdfast.maths.expressions.canonical import FUNCTIONS, PROCESSES, canonical
 from holdfast.maths.expressions.traversal import parts
@@ -259,7 +259,7 @@ class Parameter(Quantity):
     gain: whether it is a gain of a law, a number that its designer is free to choose.
     """
 
-    value: float = math.nan
+    value: InItsUnit = math.nan
     source: str = ""
     assumed: bool = False
     above: float = -math.inf

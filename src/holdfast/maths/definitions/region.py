@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import InItsUnit, checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.quantity import (
     TIME,
@@ -81,7 +81,7 @@ class Inequality:
     expression: sp.Expr
     unit: str = "1"
     description: str = ""
-    scale: float | None = None
+    scale: InItsUnit | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "expression", canonical(self.expression))

@@ -39,9 +39,9 @@ from holdfast.scenario.schema.closed_loop import (
     ObserverSpec,
     OutputsSpec,
     RedesignSpec,
-    RunSpec,
     SafeguardSpec,
     ScenarioSpec,
+    StartsSpec,
     VariedSpec,
 )
 from holdfast.scenario.schema.values import Name, Section, Text, at, validated
@@ -117,22 +117,20 @@ def composed_law(
         with at(composer.file, "observer"):
             if not law.handed:
                 law = cancel_unmodelled(system, law)
-            elif spec.safeguard is None or not spec.safeguard.disturbance_measured:
+            elif not getattr(spec.safeguard, "disturbance_measured", False):
                 raise ScenarioError(
                     "nothing uses its estimate of what is unmodelled",
                     expected="[safeguard] disturbance_measured = true, for a filter of another "
                     "controller",
                 )
     if spec.safeguard is not None:
-        law, filtering = _safeguarded(composer, spec.safeguard, law, region, system, spec.run)
+        run = spec.run.read(composer.file, "run", defaults=True)
+        law, filtering = _safeguarded(composer, spec.safeguard, law, region, system, run)
     if spec.observer is not None:
-        with at(composer.file, "observer"):
-            law = _observed(composer, spec.observer, system, law)
+        law, observed = _observed(composer, spec.observer, system, law)
         composer.declare(law.parameters)
-        measured = spec.observer.measured
-        filtering["states"] = system.state_names if measured is None else tuple(measured)
-        filtering["bandwidth"] = spec.observer.bandwidth
-        filtering |= _bounds_of_set(composer, spec.observer, system)
+        filtering["states"] = tuple(observed.pop("measured", system.state_names))
+        filtering |= observed
     direct = spec.redesign is None and spec.tracking is None
     return law, filtering if direct else None
 
@@ -173,32 +171,21 @@ def _certified(
 
 def _observed(
     composer: Composer, spec: ObserverSpec, system: System, law: Law | Switching
-) -> Switching:
-    """The law with the observer: of an estimate, or of a guaranteed set."""
-    if not (spec.error_bounds or spec.rate_bounds):
-        return observe(system, law, measured=spec.measured, bandwidth=spec.bandwidth)
-    bounds = _bounds_of_set(composer, spec, system)
-    return observe_set(system, law, measured=spec.measured, bandwidth=spec.bandwidth, **bounds)
-
-
-def _bounds_of_set(composer: Composer, spec: ObserverSpec, system: System) -> Settings:
-    """error_bounds and rate_bounds in SI units, those that are given."""
+) -> tuple[Switching, Settings]:
+    """The law with the observer, of an estimate or of a guaranteed set, and its arguments."""
     units = {
-        "error_bounds": {q.name: q.unit for q in system.states},
-        "rate_bounds": {q.name: over_time(q.unit, 1) for q in system.disturbances},
+        "states": {q.name: q.unit for q in system.states},
+        "rates": {q.name: over_time(q.unit, 1) for q in system.disturbances},
     }
-    if spec.rate_bounds and not spec.error_bounds:
-        raise ScenarioError(
-            "rate_bounds without error_bounds", expected="both, for a guaranteed set"
-        )
-    bounds: Settings = {}
-    for key, by_name in units.items():
-        for name, value in getattr(spec, key).items():
-            with at(composer.file, f"observer.{key}.{name}"):
-                if name not in by_name:
-                    raise ScenarioError("unknown name", remedy=suggestion(name, by_name))
-                bounds.setdefault(key, {})[name] = to_si(value, by_name[name])
-    return bounds
+    arguments = spec.read(composer.file, "observer", units)
+    with at(composer.file, "observer"):
+        if arguments.get("error_bounds"):
+            return observe_set(system, law, **arguments), arguments
+        if arguments.get("rate_bounds"):
+            raise ScenarioError(
+                "rate_bounds without error_bounds", expected="both, for a guaranteed set"
+            )
+        return observe(system, law, **arguments), arguments
 
 
 def _safeguarded(
@@ -207,7 +194,7 @@ def _safeguarded(
     law: Law | Switching,
     region: Region | None,
     system: System,
-    run: RunSpec,
+    run: Mapping[str, Any],
 ) -> tuple[Law | Switching, Settings]:
     file = composer.file
     if region is None:
@@ -216,35 +203,25 @@ def _safeguarded(
     if spec.constraints:
         more = composer.region({"constraints": spec.constraints}, "safeguard")
     inequalities = (*region.inequalities, *(more.inequalities if more is not None else ()))
-    units = {c.name: c.unit for c in inequalities}
-    margins = {}
-    for name, value in spec.margins.items():
-        with at(file, f"safeguard.margins.{name}"):
-            if name not in units:
-                raise ScenarioError("unknown name", remedy=suggestion(name, units))
-            margins[name] = to_si(value, units[name])
-    units = {p.name: p.unit for p in (*system.parameters, *region.parameters)}
-    uncertain = {}
-    for name, limits in spec.uncertain.items():
-        with at(file, f"safeguard.uncertain.{name}"):
-            uncertain[name] = tuple(to_si(e, units.get(name, "1")) for e in limits)
-    settings: Settings = {
-        "constraints": more,
-        "gains": spec.gains if "gains" in spec.model_fields_set else None,
-        "margins": margins,
-        "scales": spec.scales,
-        "disturbance_measured": spec.disturbance_measured,
-        "worst": tuple(spec.worst),
-        "uncertain": uncertain or None,
-    }
+    numbers = (*system.parameters, *region.parameters)
+    rates = {q.name: over_time(q.unit, 1) for q in (*system.inputs, *system.states)}
+    settings = spec.read(
+        file,
+        "safeguard",
+        {
+            "constraints": {c.name: c.unit for c in inequalities},
+            "parameters": {p.name: p.unit for p in numbers},
+            "rates": rates,
+        },
+    )
+    limits = settings.pop("rates", None)
+    settings["constraints"] = more
     with at(file, "safeguard"):
-        held = None if run.continuous else to_si(run.sample_time, "s")
+        held = None if run["continuous"] else run["sample_time"]
         guarded: Law | Switching = safeguard(system, law, region, sample_time=held, **settings)
-        if spec.rates:
-            units = {q.name: over_time(q.unit, 1) for q in (*system.inputs, *system.states)}
-            rates = {n: to_si(v, units.get(n, "1")) for n, v in spec.rates.items()}
-            guarded = limit_rates(system, guarded, rates)
-            settings["rates"] = rates
+        if limits:
+            guarded = limit_rates(system, guarded, limits)
+            settings["rates"] = limits
     composer.declare(guarded.parameters)
     return guarded, settings
 
@@ -370,52 +347,26 @@ def in_si(file: str, key: str, value: object, units: Mapping[str, str], name: st
         return to_si(value, units[name])
 
 
-def starts_of(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> Starts:
-    table = spec.starts
-    box = dict(table.box)
+def starts_of(table: StartsSpec, units: Mapping[str, str], file: str) -> Starts:
+    """[starts]; `every` is the interval of the states that its box leaves out."""
+    arguments = table.read(file, "starts", {"states": units})
+    box = arguments.setdefault("box", {})
     if table.every is not None:
-        box = dict.fromkeys(units, table.every) | box
-    return Starts(
-        states=[
-            {k: in_si(file, f"starts.states.{i}.{k}", v, units, k) for k, v in state.items()}
-            for i, state in enumerate(table.states)
-        ],
-        random=table.random,
-        active=[tuple(names) for names in table.active],
-        box={
-            k: (
-                in_si(file, f"starts.box.{k}", low, units, k),
-                in_si(file, f"starts.box.{k}", high, units, k),
-            )
-            for k, (low, high) in box.items()
-        },
-    )
+        for n in [n for n in units if n not in box]:
+            box[n] = tuple(in_si(file, f"starts.box.{n}", end, units, n) for end in table.every)
+    return Starts(**arguments)
 
 
 def settings_of(
     spec: ScenarioSpec | FormationSpec, units: Mapping[str, str], file: str
 ) -> dict[str, Any]:
-    run: RunSpec = spec.run
-    times = dict.fromkeys(("horizon", "sample_time", "record_every", "delay"), "s")
-    settings: dict[str, Any] = {
-        n: in_si(file, f"run.{n}", getattr(run, n), times, n) for n in times
-    }
-    for name in (
-        "substeps",
-        "stepper",
-        "absolute",
-        "relative",
-        "tolerance",
-        "switch_limit",
-        "until_goal",
-        "device",
-        "seed",
-        "continuous",
-    ):
-        settings[name] = getattr(run, name)
-    for kind in ("uniform", "normal"):
-        settings[f"noise_{kind}"] = {
-            k: in_si(file, f"noise.{kind}.{k}", v, units, k)
-            for k, v in getattr(spec.noise, kind).items()
+    """[run] and [noise]."""
+    noise = {
+        f"noise_{kind}": {
+            n: in_si(file, f"noise.{kind}.{n}", size, units, n)
+            for n, size in getattr(spec.noise, kind).items()
         }
-    return settings
+        for kind in ("uniform", "normal")
+    }
+    run = spec.run.read(file, "run", defaults=True)
+    return {**run, "stepper": spec.run.stepper, **noise}

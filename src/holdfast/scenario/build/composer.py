@@ -10,9 +10,9 @@ The states of [system] are selected, promoted or disturbed, and actuators may la
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial, reduce
-from typing import Any
+from typing import Any, TypeVar
 
 import sympy as sp
 
@@ -57,6 +57,7 @@ from holdfast.maths.definitions.system import FlatOutput, Measurement, PfaffianR
 from holdfast.maths.expressions.parser import parse_condition, parse_expression
 from holdfast.maths.nonholonomic.structure import kinematic_system
 from holdfast.scenario.schema.closed_loop import (
+    SHAPES,
     BoundedSpec,
     InequalitySpec,
     LawSpec,
@@ -66,7 +67,9 @@ from holdfast.scenario.schema.closed_loop import (
     ShapeSpec,
     SystemSpec,
 )
-from holdfast.scenario.schema.values import FlatOutputSpec, ParameterSpec, at, validated
+from holdfast.scenario.schema.values import ParameterSpec, Section, at, validated
+
+T = TypeVar("T")
 
 
 def catalogue_entry(
@@ -136,21 +139,6 @@ def catalogue_entry(
     return built
 
 
-def flat_output(
-    file: str, spec: FlatOutputSpec | None, names: Mapping[str, sp.Expr]
-) -> FlatOutput | None:
-    """The flat output, or None if the file declares none."""
-    if spec is None:
-        return None
-    outputs = []
-    texts = {"first": spec.first} | {f"last.{i}": text for i, text in enumerate(spec.last)}
-    for key, text in texts.items():
-        with at(file, f"system.flat_output.{key}"):
-            outputs.append(parse_expression(text, dict(names)))
-    with at(file, "system.flat_output"):
-        return FlatOutput(outputs[0], tuple(outputs[1:]))
-
-
 def scaled_region(file: str, region: Region, scales: object, key: str) -> Region:
     """The region with the scales of the table; `ScenarioError` for an unknown name or no number."""
     with at(file, f"{key}.scale"):
@@ -194,12 +182,6 @@ def obstacle_region(
     return outside
 
 
-SHAPES: dict[str, tuple[Callable[..., region.Shape], tuple[str, ...]]] = {
-    "segment": (region.Segment, ("start", "end")),
-    "circle": (region.Circle, ("centre", "radius")),
-    "cone": (region.Cone, ("apex", "heading", "half_angle", "range")),
-    "footprint": (region.Footprint, ("apex", "heading", "corners")),
-}
 MOVING = ("cone", "footprint")
 """Shapes that move with a vehicle; all others are stationary and depend on no state."""
 
@@ -210,21 +192,15 @@ def composed_shape(
     """The shape of one table; `constants` are the names that are constant during a run."""
     if spec.kind not in MOVING:
         names = {n: e for n, e in names.items() if n in constants or n == "pi"}
-
-    def parsed(written: Any) -> Any:
-        if isinstance(written, tuple | list):
-            return tuple(parsed(g) for g in written)
-        return parse_expression(written, names)
-
-    shape, parts = SHAPES[spec.kind]
-    values = []
-    for part in parts:
-        written = getattr(spec, part)
-        if written is None:
+    shape = SHAPES[spec.kind]
+    parts, needed = spec.read(file, key, names=names), [f.name for f in fields(shape)]
+    for part in needed:
+        if part not in parts:
             raise ScenarioError(f"{file}: {key}: a {spec.kind} needs '{part}'")
-        with at(file, f"{key}.{part}"):
-            values.append(parsed(written))
-    return shape(spec.role, *values)
+    for part in parts:
+        if part not in needed:
+            raise ScenarioError(f"{file}: {key}: a {spec.kind} has no '{part}'")
+    return shape(**parts)
 
 
 Names = dict[str, sp.Expr]
@@ -289,28 +265,27 @@ class Composer:
     def _parameters(
         self, table: Mapping[str, ParameterSpec | float | str], key: str
     ) -> tuple[Parameter, ...]:
-        result = []
-        for name, spec in table.items():
-            with at(self.file, f"{key}.parameters.{name}"):
-                if not isinstance(spec, ParameterSpec):
-                    spec = ParameterSpec(value=spec)
-                check_unit(spec.unit)
-                parameter = Parameter(
-                    name, spec.unit, spec.description, value=to_si(spec.value, spec.unit),
-                    source=spec.source, assumed=spec.assumed, gain=spec.gain,
-                )  # fmt: skip
-                result.append(parameter)
-        return tuple(result)
+        sections = {
+            n: p if isinstance(p, ParameterSpec) else ParameterSpec(value=p)
+            for n, p in table.items()
+        }
+        return self._each(Parameter, sections, f"{key}.parameters")
 
-    def _quantities(self, table: Mapping[str, Any], key: str, *more: str) -> tuple[Quantity, ...]:
-        """more: what else its entries say of a quantity."""
-        result = []
+    def _each(
+        self,
+        kind: Callable[..., T],
+        table: Mapping[str, Section],
+        key: str,
+        names: Names | None = None,
+    ) -> tuple[T, ...]:
+        """What the sections of a table define, by their names."""
+        made = []
         for name, spec in table.items():
             with at(self.file, f"{key}.{name}"):
-                check_unit(spec.unit)
-                said = {n: getattr(spec, n) for n in ("unit", "description", *more)}
-                result.append(Quantity(name, **said))
-        return tuple(result)
+                check_unit(getattr(spec, "unit", "1"))
+                said = spec.read(self.file, f"{key}.{name}", names=names)
+                made.append(kind(name, **said))
+        return tuple(made)
 
     def _parsed(
         self, table: Mapping[str, str | float], names: Names, key: str
@@ -333,50 +308,39 @@ class Composer:
 
     def _system(self, spec: SystemSpec) -> System:
         parameters = self._parameters(spec.parameters, "system")
-        states = self._quantities(spec.states, "system.states", "angle")
-        inputs = self._quantities(spec.inputs, "system.inputs")
-        disturbances = self._quantities(spec.disturbances, "system.disturbances", "role")
+        states = self._each(Quantity, spec.states, "system.states")
+        inputs = self._each(Quantity, spec.inputs, "system.inputs")
+        disturbances = self._each(Quantity, spec.disturbances, "system.disturbances")
         values: Names = {p.name: p.symbol for p in parameters}
         names: Names = {q.name: q.symbol for q in states + inputs + disturbances}
         names |= values | {"t": TIME}
-        rows = []
-        for number, row in enumerate(spec.pfaffian):
-            key = f"system.pfaffian.{number}"
-            rhs = self._parsed({"rhs": row.rhs}, names, key)["rhs"]
-            coefficients = self._parsed(row.coefficients, names, f"{key}.coefficients")
-            rows.append(PfaffianRow(coefficients, rhs))
-        flat = flat_output(self.file, spec.flat_output, names)
-        if rows and not spec.rates and not spec.inputs:
-            moved = kinematic_system(
-                spec.name, states, tuple(rows), parameters, spec.description, spec.source
-            )
+        rows = [
+            PfaffianRow(**row.read(self.file, f"system.pfaffian.{number}", names=names))
+            for number, row in enumerate(spec.pfaffian)
+        ]
+        flat: FlatOutput | None = None
+        if spec.flat_output is not None:
+            key = "system.flat_output"
+            with at(self.file, key):
+                flat = FlatOutput(**spec.flat_output.read(self.file, key, names=names))
+        said = {"name": spec.name, **spec.read(self.file, "system", names=names)}
+        rates = said.pop("rates", {})
+        if rows and not rates and not inputs:
+            moved = kinematic_system(states=states, rows=tuple(rows), parameters=parameters, **said)
             return replace(moved, flat_output=flat)
         return System(
-            name=spec.name,
             states=states,
             inputs=inputs,
             disturbances=disturbances,
-            rates=self._parsed(spec.rates, names, "system.rates"),
+            rates=rates,
             parameters=parameters,
             input_bounds=self._box(spec.inputs, values, "system.inputs"),
             disturbance_bounds=self._box(spec.disturbances, values, "system.disturbances"),
             pfaffian=tuple(rows),
             flat_output=flat,
-            description=spec.description,
-            source=spec.source,
-            measurements=self._measurements(spec, names),
+            measurements=self._each(Measurement, spec.measurements, "system.measurements", names),
+            **said,
         )
-
-    def _measurements(self, spec: SystemSpec, names: Names) -> tuple[Measurement, ...]:
-        result = []
-        for name, entry in spec.measurements.items():
-            with at(self.file, f"system.measurements.{name}"):
-                check_unit(entry.unit)
-                expression = parse_expression(entry.expression, names)
-                result.append(
-                    Measurement(name, entry.unit, entry.description, expression=expression)
-                )
-        return tuple(result)
 
     def _box(self, table: Mapping[str, BoundedSpec], names: Names, key: str) -> Box | None:
         if not any(spec.bounds for spec in table.values()):
@@ -415,23 +379,17 @@ class Composer:
         reads = self._reads(spec.reads)
         scope = self.scope() | {q.name: q.symbol for q in reads}  # and all its measurements
         names = self._with_definitions(spec.definitions, scope, "law")
-        signals = self._parsed(spec.signals, names, "law.signals")
+        said = {"name": spec.name, **spec.read(self.file, "law", names=names)}
+        initial, outputs = said.pop("initial", ""), said.pop("outputs", None)
         if (spec.outputs is None) == (spec.modes is None):
             raise ScenarioError(f"{self.file}: law: give either outputs or modes")
         with at(self.file, "law"):
-            if spec.outputs is not None:
-                return Law(
-                    name=spec.name,
-                    reads=reads,
-                    parameters=tuple(self.known.values()),
-                    outputs=self._parsed(spec.outputs, names, "law.outputs"),
-                    signals=signals,
-                    description=spec.description,
-                    source=spec.source,
-                )
+            parameters = tuple(self.known.values())
+            if outputs is not None:
+                return Law(reads=reads, parameters=parameters, outputs=outputs, **said)
             modes = {
-                mode: self.outputs_law(mode, outputs, f"law.modes.{mode}", names, reads)
-                for mode, outputs in (spec.modes or {}).items()
+                mode: self.outputs_law(mode, written, f"law.modes.{mode}", names, reads)
+                for mode, written in (spec.modes or {}).items()
             }
             transitions = []
             for number, transition in enumerate(spec.transitions):
@@ -439,14 +397,11 @@ class Composer:
                     level = parse_condition(transition.when, names | {"time_in_mode": TIME_IN_MODE})
                 transitions.append(Transition(transition.source, transition.target, level))
             return Switching(
-                name=spec.name,
                 modes=modes,
                 transitions=tuple(transitions),
-                initial=spec.initial,
-                signals=signals,
-                extra_parameters=tuple(self.known.values()),
-                description=spec.description,
-                source=spec.source,
+                initial=initial,
+                extra_parameters=parameters,
+                **said,
             )
 
     def _reads(self, wanted: list[str] | None) -> tuple[Quantity, ...]:
@@ -497,36 +452,23 @@ class Composer:
         drawn = self.drawn.values() if key == "goal" else ()
         self.declare((*self._parameters(spec.parameters, key), *drawn))
         names = self._with_definitions(spec.definitions, self.scope(), key)
-        inequalities = []
-        for name, constraint in spec.constraints.items():
-            if not isinstance(constraint, InequalitySpec):
-                constraint = InequalitySpec(expression=constraint)
-            with at(self.file, f"{key}.constraints.{name}"):
-                check_unit(constraint.unit)
-                inequalities.append(
-                    Inequality(
-                        name,
-                        parse_expression(constraint.expression, names),
-                        constraint.unit,
-                        constraint.description,
-                        None
-                        if constraint.scale is None
-                        else to_si(constraint.scale, constraint.unit),
-                    )
-                )
+        sections = {
+            n: InequalitySpec.model_validate({"expression": c}) if isinstance(c, str | float) else c
+            for n, c in spec.constraints.items()
+        }
+        inequalities = self._each(Inequality, sections, f"{key}.constraints", names)
         shapes = tuple(
             composed_shape(self.file, f"{key}.scene.{i}", shape, names, self.known)
             for i, shape in enumerate(spec.scene)
         )
         with at(self.file, key):
             return Region(
-                name=spec.name,
+                spec.name,
                 reads=self.states,
-                inequalities=tuple(inequalities),
+                inequalities=inequalities,
                 parameters=tuple(self.known.values()),
                 scene=shapes,
-                description=spec.description,
-                source=spec.source,
+                **spec.read(self.file, key),
             )
 
 

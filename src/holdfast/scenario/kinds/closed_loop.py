@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import sympy as sp
@@ -20,9 +20,11 @@ from holdfast.analysis.safety.equilibria import SEARCHES, RestingState, Search
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.analysis.simulation.starts import Starts
+from holdfast.arguments import Seconds
 from holdfast.errors import DefinitionError, ScenarioError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
+from holdfast.execution.simulation.settings import SettingsOptions
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME, symbol
 from holdfast.maths.definitions.region import Region
@@ -81,6 +83,13 @@ def _altered(data: Mapping[str, Any]) -> Iterator[str]:
     for key, value in data.items():
         if isinstance(value, Mapping):
             yield from (value if key == "kernels" else _altered(value))
+
+
+class RunSettings(SettingsOptions, total=False):
+    """The settings of [run]."""
+
+    horizon: Seconds
+    stepper: str
 
 
 @dataclass(frozen=True)
@@ -199,14 +208,14 @@ class Scenario(Composed):
             )
         timing: dict[str, Any] = {"sample_time": float(self.settings["sample_time"])}
         if safety is None:
-            if "gains" not in settings or self.region is None:
+            if "constraints" not in settings or self.region is None:
                 raise ScenarioError(
                     f"{self.file}: nothing keeps the command of the other controller",
                     expected="[safeguard] or [safety]",
                 )
             with at(self.file, "safeguard"):
                 return SafetyFilter(self.model, self.region, **settings, **timing)
-        if safety.spec.alone or safety.tracking is not None:
+        if safety.alone or safety.tracking is not None:
             raise ScenarioError(
                 f"{self.file}: safety.alone: the kernel replaces the command of the other "
                 "controller",
@@ -215,13 +224,12 @@ class Scenario(Composed):
         with at(self.file, "safety"):
             value = safety.kernel.tried(safety.value(self.model, self.region, progress))
             timing["delay"] = float(self.settings["delay"])
-            more = {n: getattr(safety.spec, n) for n in ("rate", "margin", "ahead")}
-            return SafetyFilter(self.model, value, **more, **settings, **timing)
+            return SafetyFilter(self.model, value, **safety.settings, **settings, **timing)
 
     def on_device(self, device: str) -> Scenario:
         return self.with_settings(device=device)
 
-    def with_settings(self, **settings: Any) -> Scenario:
+    def with_settings(self, **settings: Unpack[RunSettings]) -> Scenario:
         """The same with other settings of [run]."""
         return replace(self, settings={**self.settings, **settings})
 
@@ -298,14 +306,14 @@ def seeded(text: str, data: dict[str, Any], seed: int | None) -> tuple[str, dict
 
 def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None) -> Scenario:
     """The scenario of tables that are checked already; `shown` is its name or file."""
-    if runs is not None:
-        if runs < 1:
-            raise ScenarioError(f"--runs is {runs}", expected="at least 1")
-        states = spec.starts.states[:runs]
-        starts = spec.starts.model_copy(update={"states": states, "random": runs - len(states)})
-        spec = spec.model_copy(update={"starts": starts})
-        text += f"# runs: {runs}\n"
-    return _composed(shown, text, spec)
+    if runs is None:
+        return _composed(shown, text, spec)
+    if runs < 1:
+        raise ScenarioError(f"--runs is {runs}", expected="at least 1")
+    scenario = _composed(shown, text + f"# runs: {runs}\n", spec)
+    states = scenario.starts.states[:runs]
+    starts = replace(scenario.starts, states=states, random=runs - len(states))
+    return replace(scenario, starts=starts)
 
 
 def about(file: str, text: str, header: Header | FormationHeader) -> dict[str, Any]:
@@ -358,7 +366,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         law=law,
         region=region,
         goal=goal,
-        starts=starts_of(spec, units, file),
+        starts=starts_of(spec.starts, units, file),
         settings=settings_of(spec, units, file),
         disturbance={
             key: _parsed(file, f"disturbance.{key}", value, names | of_state)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from holdfast.analysis.reachability import solve as problems
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.posed_march import finer
 from holdfast.analysis.reachability.solve import set_on_grid
@@ -25,7 +24,7 @@ from holdfast.scenario.files import overridden
 from holdfast.scenario.kinds import kind_of
 from holdfast.scenario.kinds.base import Bar, Kind
 from holdfast.scenario.kinds.parts import PartsScenario, SetScenario
-from holdfast.scenario.schema.kernel import PROBLEMS
+from holdfast.scenario.schema.kernel import ASKED, PROBLEMS
 from holdfast.scenario.schema.values import at
 
 
@@ -67,12 +66,11 @@ class KernelScenario(SetScenario):
 
     def solve(self, progress: Progress | None = None) -> ValueFunction:
         """The value function alone."""
-        function: Callable[..., ValueFunction] = getattr(problems, self.kind.replace("-", "_"))
         about: tuple[Region | None, ...] = (self.about,)
         if self.kind == "capture-basin":
             about = (self.goal, self.region)
         with at(self.file, "march"):
-            value = function(
+            value = ASKED[self.kind](
                 self.system, *about, self.grid, self.horizon, progress=progress, **self.options
             )
             if self.inner:

@@ -183,24 +183,23 @@ class PartsScenario(SetScenario):
                 goal=self.goal if self.kind == "capture-basin" else None,
                 disturbances=self.options.get("disturbances", "min"),
                 disturbance=self.options.get("disturbance"),
-                cut=how.cut,
-                lag_share=how.lag_share,
-                box=how.box if how.lag_share is not None else None,
+                box=how.grid["box"] if "lag_share" in how.how else None,
+                **how.how,
             )
 
     def run(self, progress: Progress | None = None) -> PartsResult:
         """The value, and its promise tried in closed loop."""
-        how, options = self.apart, dict(self.options)
+        over, options = dict(self.apart.grid), dict(self.options)
+        box = over.pop("box")
         for key in ("disturbance", "disturbances"):
             options.pop(key, None)
         with at(self.file, "march"):
             value = solve_parts(
                 self.decomposition,
-                None if how.lag_share is not None else how.box,
-                how.nodes,
-                self.horizon,
-                ends=how.ends,
+                None if "lag_share" in self.apart.how else box,
+                horizon=self.horizon,
                 progress=progress,
+                **over,
                 **options,
             ).reported(title=self.title, scenario=self.name, scenario_text=self.text)
         if self.region is None or (self.trials is None and not self.by_default):

@@ -9,13 +9,28 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
-from holdfast.maths.definitions.quantity import Role
+from holdfast.analysis.simulation.starts import Starts
+from holdfast.execution.simulation.settings import Settings
+from holdfast.maths.control.observer import observe, observe_set
+from holdfast.maths.control.safety_filter import limit_rates, safeguard
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import Quantity
+from holdfast.maths.definitions.region import (
+    Circle,
+    Cone,
+    Footprint,
+    Inequality,
+    Region,
+    Segment,
+    Shape,
+)
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import Measurement, PfaffianRow, System
 from holdfast.scenario.schema.values import (
     Bounds,
     DrawSpec,
     Expression,
     FlatOutputSpec,
-    Gains,
     Interval,
     Layer,
     Name,
@@ -41,25 +56,12 @@ class ObstaclesSpec(Section):
     position: Plane = ("x", "y")
 
 
-class RunSpec(Section):
-    """[run]: the settings of the simulation."""
+class RunSpec(Section, of=[Settings], without=["noise_uniform", "noise_normal", "threads"]):
+    """[run]: the settings of the simulation; noise is in [noise], and threads are of a machine."""
 
     renamed: ClassVar[Renamed] = {"control": ("continuous", {"continuous": True, "sampled": False})}
 
-    horizon: Value
-    sample_time: Value = 0.02
-    substeps: int = 2
-    record_every: Value = 0.1
-    continuous: bool = False
     stepper: str = "rk4"
-    absolute: float = 1e-9
-    relative: float = 1e-9
-    tolerance: float = 0.0
-    switch_limit: int = 10
-    delay: Value = 0.0
-    until_goal: bool = False
-    device: str = "cpu"
-    seed: int = 0
 
 
 class Header(Section):
@@ -71,37 +73,25 @@ class Header(Section):
     source: Text = ""
 
 
-class QuantitySpec(Section):
+class QuantitySpec(Section, of=[Quantity], without=["name", "role"]):
     """A state: its unit, and whether it is an angle."""
 
-    unit: str = "1"
-    description: Text = ""
-    angle: bool = False
 
-
-class BoundedSpec(Section):
+class BoundedSpec(Section, of=[Quantity], without=["name", "angle", "role"]):
     """An input or disturbance: its unit and its bounds (numbers or expressions)."""
 
-    unit: str = "1"
-    description: Text = ""
     bounds: Bounds | None = None
 
 
-class DisturbanceSpec(BoundedSpec):
+class DisturbanceSpec(BoundedSpec, of=[Quantity], without=["name", "angle"]):
     """A disturbance; role: "current" of a component of the current."""
 
-    role: Role = ""
 
-
-class MeasurementSpec(Section):
+class MeasurementSpec(Section, of=[Measurement], without=["name", "angle", "role"]):
     """A measurement: an output equation of the states."""
 
-    expression: Expression
-    unit: str = "1"
-    description: Text = ""
 
-
-class PfaffianSpec(Section):
+class PfaffianSpec(Section, of=[PfaffianRow]):
     """One row of A(q) qdot = b: { coefficients = { x = "-sin(psi)", ... }, rhs = "0" }.
 
     The coefficients are those of the rates, the entries of A; missing ones are 0. rhs: the
@@ -110,16 +100,11 @@ class PfaffianSpec(Section):
 
     renamed: ClassVar[Renamed] = {"row": ("coefficients", {})}
 
-    coefficients: dict[Name, Expression]
-    rhs: Expression = 0.0
 
-
-class SystemSpec(Section):
+class SystemSpec(Section, of=[System], without=["samples", "promoted"]):
     """[system], written by expressions: rates, or only Pfaffian rows (all motions they allow)."""
 
     name: Name = "system"
-    description: Text = ""
-    source: Text = ""
     states: dict[Name, QuantitySpec]
     inputs: dict[Name, BoundedSpec] = Field(default_factory=dict)
     disturbances: dict[Name, DisturbanceSpec] = Field(default_factory=dict)
@@ -145,53 +130,39 @@ class TransitionSpec(Section):
     when: str
 
 
-class LawSpec(Section):
+class LawSpec(Section, of=[Law, Switching], without=["believed"]):
     """[law], written by expressions: one law, or modes with transitions."""
 
     name: Name = "law"
-    description: Text = ""
-    source: Text = ""
     reads: list[Name] | None = None
     parameters: Parameters = Field(default_factory=dict)
     definitions: dict[Name, Expression] = Field(default_factory=dict)
-    signals: dict[Name, Expression] = Field(default_factory=dict)
     outputs: dict[Name, Expression] | None = None
     modes: dict[Name, OutputsSpec] | None = None
     transitions: list[TransitionSpec] = Field(default_factory=list)
-    initial: str = ""
 
 
-class InequalitySpec(Section):
+class InequalitySpec(Section, of=[Inequality], without=["name"]):
     """expression <= 0 is safe. scale: the amount of it that counts as 1 in a depth."""
 
-    expression: Expression
-    unit: str = "1"
-    description: Text = ""
-    scale: Value | None = None
+
+SHAPES: dict[str, type[Shape]] = {
+    "segment": Segment, "circle": Circle, "cone": Cone, "footprint": Footprint,
+}  # fmt: skip
 
 
-class ShapeSpec(Section):
+class ShapeSpec(Section, of=[*SHAPES.values()]):
     """A shape to draw: a segment, a circle, or a field of view (cone, or polygonal footprint)."""
 
     kind: Literal["segment", "cone", "circle", "footprint"]
     role: Name
-    start: Point | None = None
-    end: Point | None = None
-    apex: Point | None = None
-    heading: Expression | None = None
-    half_angle: Expression | None = None
-    range: Expression | None = None
-    corners: Annotated[list[Point], Field(min_length=3)] | None = None
-    centre: Point | None = None
-    radius: Expression | None = None
+    corners: Corners | None = None
 
 
-class RegionSpec(Section):
+class RegionSpec(Section, of=[Region], without=["name"]):
     """[region] or [goal], written by expressions."""
 
     name: Name = "region"
-    description: Text = ""
-    source: Text = ""
     parameters: Parameters = Field(default_factory=dict)
     definitions: dict[Name, Expression] = Field(default_factory=dict)
     constraints: dict[Name, InequalitySpec | Expression]
@@ -214,7 +185,7 @@ class RedesignSpec(Section):
     parameters: dict[Name, Any] = Field(default_factory=dict)
 
 
-class SafeguardSpec(Section):
+class SafeguardSpec(Section, of=[safeguard, limit_rates], without=["sample_time"]):
     """[safeguard], a safety filter (CBF-QP): the least change of inputs that keeps [region] viable.
     constraints: further enforced ones; violating them does not count as leaving the region.
     uncertain: parameter -> [least, largest]; the conditions hold for every model of this box.
@@ -223,31 +194,9 @@ class SafeguardSpec(Section):
     renamed: ClassVar[Renamed] = {"measured": ("disturbance_measured", {})}
 
     constraints: dict[Name, InequalitySpec | Expression] = Field(default_factory=dict)
-    gains: Gains = (1.0, 4.0)
-    margins: dict[Name, Value] = Field(default_factory=dict)
-    scales: dict[Name, float] = Field(default_factory=dict)
-    rates: dict[Name, Value] = Field(default_factory=dict)
-    disturbance_measured: bool = False
-    worst: list[Name] = Field(default_factory=list)
-    uncertain: dict[Name, Interval] = Field(default_factory=dict)
 
 
-class SafetySpec(Section):
-    """[safety], a safety filter: the least change of the inputs that keeps the state in a kernel.
-
-    kernel: a scenario that computes it, for the [system] of this one, or a file of a value
-    function. alone: the optimal inputs replace the law's; if they are velocities of this system,
-    [tracking] follows them. ahead: the seconds that the sampled game may take, or false for none.
-    """
-
-    kernel: Text
-    rate: float | None = None
-    margin: float | None = None
-    alone: bool = False
-    ahead: bool | float = True
-
-
-class StartsSpec(Section):
+class StartsSpec(Section, of=[Starts]):
     """[starts]: given states, then random ones from a box; `every` for states not in it.
 
     active: lists of constraints; the random starts are moved, list by list in turn, to states where
@@ -256,11 +205,7 @@ class StartsSpec(Section):
 
     renamed: ClassVar[Renamed] = {"outside": ("start_outside", {})}
 
-    states: list[dict[Name, Value]] = Field(default_factory=list)
-    random: Annotated[int, Field(ge=0)] = 0
-    box: dict[Name, Interval] = Field(default_factory=dict)
     every: Interval | None = None
-    active: list[list[Name]] = Field(default_factory=list)
     start_outside: bool = False
 
 
@@ -301,18 +246,13 @@ class FiguresSpec(Section):
     cones: Annotated[int, Field(ge=0, le=100)] = 4
 
 
-class ObserverSpec(Section):
+class ObserverSpec(Section, of=[observe, observe_set]):
     """[observer]: the law measures only these states and estimates all else that it reads.
 
     error_bounds: the largest error of each state, measured or not: a guaranteed set of the
     disturbance then replaces its estimate, and [safeguard] counts the worst of the set.
     rate_bounds: the most by which a disturbance changes in a second, where the vehicle feels it.
     """
-
-    measured: list[Name] | None = None
-    bandwidth: float = 2.0
-    error_bounds: dict[Name, Value] = Field(default_factory=dict)
-    rate_bounds: dict[Name, Value] = Field(default_factory=dict)
 
 
 class AlterationSpec(Section):
@@ -353,7 +293,7 @@ class ScenarioSpec(Section):
     tracking: dict[Name, float] | None = None
     safeguard: SafeguardSpec | None = None
     observer: ObserverSpec | None = None
-    safety: SafetySpec | None = None
+    safety: dict[str, Any] | None = None
     kernels: dict[Text, dict[str, Any]] = Field(default_factory=dict)
     goal: dict[str, Any] | None = None
     reference: dict[Name, Expression] = Field(default_factory=dict)

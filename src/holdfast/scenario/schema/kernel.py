@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import ConfigDict, Field
+from pydantic import AfterValidator, Field
 
+from holdfast.analysis.decomposition.decompose import decompose
+from holdfast.analysis.reachability import solve
+from holdfast.analysis.reachability.grid import grid
+from holdfast.analysis.reachability.value_function import CertifyOptions, ValueFunction
+from holdfast.analysis.safety.validation import check_promise
 from holdfast.scenario.schema.values import (
     Expression,
     Interval,
@@ -27,6 +33,10 @@ Kind = Literal[
     "capture-basin",
 ]
 PROBLEMS: tuple[str, ...] = get_args(Kind)
+ASKED: dict[str, Callable[..., ValueFunction]] = {
+    kind: getattr(solve, kind.replace("-", "_")) for kind in PROBLEMS
+}
+"""What is asked of each kind."""
 CERTIFIED = ("viability-kernel", "discriminating-kernel", "capture-basin")
 
 
@@ -39,73 +49,66 @@ class KernelHeader(Section):
     source: Text = ""
 
 
-class GridSpec(Section):
+class GridSpec(Section, of=[grid]):
     """[grid]: box of the states, nodes along all axes or each, boundary conditions (`ends`)."""
 
     box: dict[Name, Interval]
-    nodes: int | dict[Name, int]
-    ends: dict[Name, str] = Field(default_factory=dict)
 
 
-class MarchSpec(Section):
-    """[march]: the horizon and the solver options, the keys of `Marching` and of a problem.
+ELSEWHERE = (
+    "disturbance",  # a table of its own
+    "parameters",  # each in the table that it is of
+)
+"""Arguments of a problem that files do not say in [march]."""
+
+
+class MarchSpec(Section, of=[*ASKED.values()], without=ELSEWHERE):
+    """[march]: the horizon and the options of the problem.
 
     times: those at which the value is stored, or their number, equally spaced from 0 to the
     horizon. forever: request the infinite-horizon kernel; a march that has not converged at the
     horizon is then not an answer. inner: the set shrunk by the estimated error of a coarser grid.
     """
 
-    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
-
-    horizon: Value
     times: int | list[Value] | None = None
-    arrival_steps: Annotated[int, Field(ge=0)] | None = None
-    disturbances: Literal["min", "max"] | None = None
     forever: bool = False
     inner: bool = False
 
 
-class DecomposeSpec(Section):
+Whole = Annotated[Literal["kept"], AfterValidator(lambda _: None)]
+"""The interval that the region asks for, or that a state never leaves: None in Python."""
+
+
+class DecomposeSpec(
+    Section, of=[decompose], without=["kind", "disturbances", "disturbance", "box"]
+):
     """[decompose]: the problem is taken apart (`hf.decompose`), and every part has its own grid.
 
     cut: states that disturb the others, with their intervals or "kept" for the one that the region
     asks for or that they never leave. lag_share: of the range of actuators that lag.
     """
 
-    cut: dict[Name, Interval | Literal["kept"]] = Field(default_factory=dict)
-    lag_share: float | None = None
+    cut: dict[Name, Interval | Whole] = Field(default_factory=dict)
 
 
-class PromiseSpec(Section):
+class PromiseSpec(Section, of=[check_promise]):
     """[promise]: closed-loop (Monte Carlo) validation from random states; see `check_promise`.
 
     runs: 0 leaves it out; a kernel without the table is tried for about a second.
     """
 
-    runs: Annotated[int, Field(ge=0)] = 1000
     margin: Value | None = None
-    horizon: Value | None = None
-    sample_time: Value = 0.02
-    rate: float | None = None
-    seed: int = 0
 
 
-class CertificateSpec(Section):
+class CertificateSpec(
+    Section, of=[CertifyOptions], without=["box", "disturbance", "steps", "store", "margin"]
+):
     """[certificate]: what `holdfast certify` asks where its options do not; see `hf.certify`.
 
-    Times with units of time, `uncertain` in the units of the parameters, `errors` of the states.
+    The box is that of the grid, and a disturbance is in a table of its own.
     """
 
     renamed: ClassVar[Renamed] = {"refine": ("halvings", {})}
-
-    sample_time: Value | None = None
-    cells: int | dict[Name, int] | None = None
-    inputs: int | dict[Name, int] | None = None
-    horizon: Value | None = None
-    uncertain: dict[Name, Interval] | None = None
-    errors: dict[Name, Value] | None = None
-    delay: Value | None = None
-    halvings: Annotated[int, Field(ge=0)] | None = None
 
 
 class SetFiguresSpec(Section):

@@ -1,16 +1,25 @@
-"""Value types of scenario files: texts, names, numbers with units, arrays of two.
+"""The tables of scenario files: their keys, the types of these, and errors that name file and key.
 
-A file is validated; errors name the file and the key.
+A table of a function has the function's arguments as its keys, with their types, units and
+defaults: a number with a unit may be text with another one, an expression is text. What a file
+cannot write, such as a system, is no key. By hand stands what differs.
 """
 
 from __future__ import annotations
 
+import inspect
+import itertools
+import types
+import typing
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Any, ClassVar, TypeVar
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union
 
 import pydantic
+import sympy as sp
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -22,7 +31,11 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from holdfast.arguments import Least, Two, Unit, UnitsOf, hints_of
 from holdfast.errors import HoldfastError, RenamedWarning, ScenarioError, suggestion
+from holdfast.maths.definitions.quantity import Parameter, to_si
+from holdfast.maths.definitions.system import FlatOutput
+from holdfast.maths.expressions.parser import parse_expression
 
 Value = float | str
 """A number in SI units, or text with a unit such as "30 deg"."""
@@ -54,10 +67,13 @@ Bounds = Annotated[
 ]
 Point = Annotated[tuple[Expression, Expression], _Array, _two("numbers or expressions [x, y]")]
 Layer = Annotated[tuple[float, float], _Array, _two("numbers [cmax, cmin]")]
-Gains = Annotated[tuple[float, float], _Array, _two("numbers [k1, k2]")]
+Range = Annotated[tuple[float, float], _Array, _two("numbers [low, high]")]
 Interval = Annotated[tuple[Value, Value], _Array, _two("numbers [low, high]")]
 Plane = Annotated[tuple[Name, Name], _Array, _two('names of states, such as ["x", "y"]')]
 
+
+Meaning = Unit | UnitsOf | type[sp.Expr] | None
+"""Of the numbers of a key: their unit, or that they are expressions."""
 
 Renamed = Mapping[str, tuple[str, Mapping[str, object]]]
 """Former key -> the key that replaced it, and its former values -> the present ones."""
@@ -66,11 +82,47 @@ Renamed = Mapping[str, tuple[str, Mapping[str, object]]]
 class Section(BaseModel):
     """A table of the file: unknown keys are refused.
 
-    A key that was `renamed` is accepted for one release, with a warning.
+    A key that was `renamed` is accepted for one release, with a warning. The keys of a table `of`
+    functions are their arguments, but for those `without`, which files say elsewhere or not at all.
     """
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
     renamed: ClassVar[Renamed] = {}
+    units: ClassVar[Mapping[str, Meaning]] = {}
+    """Key -> what it means, of those that are arguments."""
+
+    def __init_subclass__(cls, of: Sequence[Any] = (), without: Sequence[str] = (), **more: Any):
+        super().__init_subclass__(**more)
+        by_hand = inspect.get_annotations(cls)
+        cls.__annotations__ = dict(by_hand)  # which Pydantic reads after this
+        for name, (written, default, meaning) in _keys_of(of).items():
+            if name in without:
+                continue
+            cls.units = {**cls.units, name: meaning}
+            if name not in by_hand:
+                cls.__annotations__[name] = written
+                if default is not ...:
+                    setattr(cls, name, default)
+
+    def read(
+        self,
+        file: str,
+        key: str,
+        units: Mapping[str, Mapping[str, str]] | None = None,
+        names: Mapping[str, sp.Expr] | None = None,
+        *,
+        defaults: bool = False,
+    ) -> dict[str, Any]:
+        """The arguments of its functions that are written: numbers in SI units, expressions.
+
+        units: what the names in tables by name are -> name -> unit. names: those that expressions
+        may have. defaults: with those of what is not written. `ScenarioError` with the key for what
+        does not fit.
+        """
+        asked = self.units if defaults else [n for n in self.units if n in self.model_fields_set]
+        said = {n: value for n in asked if (value := getattr(self, n)) is not None}
+        read = _Reader(file, units or {}, dict(names or {}), getattr(self, "unit", ""))
+        return {n: read(value, self.units[n], f"{key}.{n}") for n, value in said.items()}
 
     @model_validator(mode="before")
     @classmethod
@@ -97,6 +149,119 @@ class Section(BaseModel):
         return table
 
 
+def _keys_of(functions: Sequence[Any]) -> dict[str, tuple[Any, Any, Meaning]]:
+    """Argument -> the type of what is written, its default and its meaning.
+
+    The default is `...` for a key that is needed: every one of the functions needs it.
+    """
+    keys: dict[str, tuple[Any, Any, Meaning]] = {}
+    each = [list(arguments_of(f)) for f in functions]
+    for name, hint, default in itertools.chain(*each):
+        meaning = _meaning(hint)
+        written = _written(hint, meaning)
+        if name in keys or written is None:
+            continue
+        if default is ... and not all(name in [n for n, _, _ in of] for of in each):
+            default = None
+        keys[name] = (written | None if default is None else written, default, meaning)
+    return keys
+
+
+def arguments_of(of: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Names, types and defaults; options that have a type of their own are arguments as well."""
+    if typing.is_typeddict(of):
+        hints = typing.get_type_hints(of, include_extras=True)
+        yield from ((name, hint, None) for name, hint in hints.items())
+        return
+    hints = hints_of(of, extras=True)
+    made = {f.name: f.default_factory for f in fields(of)} if is_dataclass(of) else {}
+    for name, parameter in inspect.signature(of).parameters.items():
+        hint, default = hints.get(name, Any), parameter.default
+        if typing.get_origin(hint) is typing.Unpack:
+            (table,) = typing.get_args(hint)
+            yield from arguments_of(table)
+        elif (factory := made.get(name, MISSING)) is not MISSING:
+            yield name, hint, factory()
+        else:
+            yield name, hint, ... if default is parameter.empty else default
+
+
+def _meaning(hint: Any) -> Meaning:
+    """The unit in a type, or that it contains expressions."""
+    if hint is sp.Expr:
+        return sp.Expr
+    extras = [e for e in getattr(hint, "__metadata__", ()) if isinstance(e, Unit | UnitsOf)]
+    within = map(_meaning, typing.get_args(hint))
+    return next((m for m in (*extras, *within) if m is not None), None)
+
+
+def _written(hint: Any, meaning: Meaning) -> Any:
+    """The type of what a file writes for an argument; None where it cannot write one."""
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if hint is float and isinstance(meaning, Unit | UnitsOf):
+        return Value
+    if not inner:
+        return {bool: bool, int: int, float: float, str: Text, sp.Expr: Expression}.get(hint)
+    if origin is Literal:
+        return hint
+    if origin is Annotated:
+        written = _written(inner[0], meaning)
+        for extra in inner[1:]:
+            if isinstance(extra, Least):
+                written = Annotated[written, Field(ge=extra.value)]
+            elif isinstance(extra, Two):
+                written = Annotated[tuple[float, float], _Array, _two(f"numbers [{extra.names}]")]
+        return written
+    one_of = origin in (Union, types.UnionType)
+    if not one_of and not (isinstance(origin, type) and issubclass(origin, Mapping | Sequence)):
+        return None
+    several = [_written(p, meaning) for p in inner if p not in (Path, type(None), ...)]
+    if None in several or not several:
+        return None
+    if one_of:
+        return Union[tuple([*several, None] if type(None) in inner else several)]  # noqa: UP007
+    if origin is tuple and inner[-1] is not ...:
+        if several[0] is Text:
+            return Plane
+        return Point if meaning is sp.Expr else Range if meaning is None else Interval
+    if issubclass(origin, Mapping):
+        return types.GenericAlias(dict, (Name, several[1]))
+    return types.GenericAlias(list, (Name if several == [Text] else several[0],))
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Reads the values of keys: numbers to SI units, text to expressions."""
+
+    file: str
+    units: Mapping[str, Mapping[str, str]]
+    names: dict[str, sp.Expr]
+    unit: str
+
+    def __call__(self, value: Any, meaning: Meaning | str, key: str) -> Any:
+        if isinstance(value, list | tuple):
+            places = [f"{key}.{i}" if isinstance(value, list) else key for i in range(len(value))]
+            return tuple(self(v, meaning, p) for v, p in zip(value, places, strict=True))
+        if meaning is None or value is None or isinstance(value, sp.Basic):
+            return value
+        if isinstance(value, Mapping):
+            of: Mapping[str, Meaning | str] = dict.fromkeys(value, meaning)
+            if isinstance(meaning, UnitsOf):
+                of = self.units[meaning.what]
+            for name in value:
+                if name not in of:
+                    raise ScenarioError(
+                        f"{self.file}: {key}.{name}: unknown name", remedy=suggestion(name, of)
+                    )
+            return {n: self(v, of[n], f"{key}.{n}") for n, v in value.items()}
+        with at(self.file, key):
+            if meaning is sp.Expr:
+                return parse_expression(value, self.names)
+            return to_si(
+                value, (meaning.name if isinstance(meaning, Unit) else str(meaning)) or self.unit
+            )
+
+
 class NoiseSpec(Section):
     """[noise]: half-widths of uniform and standard deviations of normal noise, per state."""
 
@@ -111,25 +276,17 @@ class DrawSpec(Section):
     unit: str | None = None
 
 
-class ParameterSpec(Section):
+class ParameterSpec(Section, of=[Parameter], without=["name", "angle", "role", "above"]):
     """A parameter with its unit and source."""
 
     value: Value
-    unit: str = "1"
-    description: Text = ""
-    source: Text = ""
-    assumed: bool = False
-    gain: bool = False
 
 
 Parameters = dict[Name, ParameterSpec | Value]
 
 
-class FlatOutputSpec(Section):
+class FlatOutputSpec(Section, of=[FlatOutput]):
     """The flat output (z1, zn): { first = z1, last = [zk, ..., zn] }, expressions of the states."""
-
-    first: Expression
-    last: list[Expression]
 
 
 S = TypeVar("S", bound=Section)
