@@ -253,13 +253,13 @@ class DividedMarch:
         plane = nodes // self._posed.grid.axes[0].count
         whole = {name: room.empty(nodes, kind) for name, kind in kinds.items()}
         for k, part in enumerate(self._parts.parts):
-            own = part.planes.own_nodes
-            count = (own.stop - own.start) * plane
+            places = part.planes.own_nodes
+            count = (places.stop - places.start) * plane
             for name, array in whole.items():
                 for first in range(0, count, NODES_FETCHED_AT_ONCE):
                     last = min(first + NODES_FETCHED_AT_ONCE, count)
                     piece = self._parts.ask_one(k, MarchPart.piece, name, first, last)
-                    array[own.start * plane + first : own.start * plane + last] = piece
+                    array[places.start * plane + first : places.start * plane + last] = piece
         return whole
 
     def write(self, generation: Path) -> list[Written]:

@@ -132,14 +132,14 @@ class Obstacles:
 
     def facts(self) -> Facts:
         start = self.start.reshape(self.shape)
-        own = self.planes.own
-        mine = start[own]
-        before = own.start - (not self.planes.ends[0])  # the change from the part before it, too
+        inner = self.planes.own
+        mine = start[inner]
+        before = inner.start - (not self.planes.ends[0])  # the change from the part before it, too
         return Facts(
             bool(np.isnan(mine.min())),
             any((plane > 0).any() for plane in mine),
             touched(mine, self.planes.ends),
-            largest_change(start[before : own.stop]),
+            largest_change(start[before : inner.stop]),
             float(mine.max()),
             float(max(mine.max(), -mine.min())),
         )
@@ -200,13 +200,13 @@ class Obstacles:
         for bound, new in ((self.lower, lower), (self.upper, upper)):
             if bound is not None and new is not None:
                 bound[nodes] = new
-        own = self.planes.own
-        low, high = max(own.start, first), min(own.stop, last)
+        inner = self.planes.own
+        low, high = max(inner.start, first), min(inner.stop, last)
         if low >= high:
             return NOTHING
         mine = start.reshape(last - first, *self.shape[1:])[low - first : high - first]
         at_first, at_last = self.planes.ends
-        ends = touched(mine, (at_first and low == own.start, at_last and high == own.stop))
+        ends = touched(mine, (at_first and low == inner.start, at_last and high == inner.stop))
         return replace(
             NOTHING, nan=bool(np.isnan(mine.min())), ends=ends, highest=float(mine.max())
         )
@@ -649,8 +649,8 @@ class PosedMarch:
         return self._values if self._sweeping is None else self._sweeping.values()
 
     def _mine(self, values: Array) -> Array:
-        own = self.planes.own
-        return values[own.start * self._plane : own.stop * self._plane]
+        inner = self.planes.own
+        return values[inner.start * self._plane : inner.stop * self._plane]
 
     def now(self) -> Array:
         """Those at its own nodes."""
@@ -696,7 +696,7 @@ class PosedMarch:
         return [write_part(generation, self.planes.own_nodes.start, self.held())]
 
     def restore(self, path: Path, then: float) -> None:
-        plane, own = self._plane, self.planes.own_nodes
+        plane, inner = self._plane, self.planes.own_nodes
         with readable(path, "" if self.planes.whole else "a checkpoint that all machines share"):
             saved = read_parts(path, plane)
             values = saved("values")
@@ -704,7 +704,7 @@ class PosedMarch:
                 raise KeyError("values")
             for j, k in enumerate(self.planes.nodes.tolist()):
                 self._values[j * plane : (j + 1) * plane] = values[k * plane : (k + 1) * plane]
-            self.record.restore(saved, slice(own.start * plane, own.stop * plane), then)
+            self.record.restore(saved, slice(inner.start * plane, inner.stop * plane), then)
         if self.posed.varies:  # what it has come to by now, when it may have been larger than now
             largest = float(self._mine(self._values).max())
             self._obstacles.highest = max(self._obstacles.highest, largest)

@@ -109,8 +109,8 @@ class Part:
     @cached_property
     def planes(self) -> Planes:
         last = self.before + self.last - self.first
-        own = slice(int(self.starts[self.before]), int(self.starts[last]))
-        return Planes(self.nodes, own, self.of.nodes)
+        inner = slice(int(self.starts[self.before]), int(self.starts[last]))
+        return Planes(self.nodes, inner, self.of.nodes)
 
     @property
     def own_layers(self) -> range:
