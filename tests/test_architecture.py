@@ -63,10 +63,12 @@ def modules_imported(path, modules):
 
 
 def circles(imports):
-    """Groups of modules of which each imports, over others or at once, every other."""
+    """Groups of modules of which each imports, over others or at once, every other; or itself."""
     graph = networkx.DiGraph([(name, of) for name, others in imports.items() for of in others])
     groups = networkx.strongly_connected_components(graph)
-    return sorted(sorted(group) for group in groups if len(group) > 1)
+    return sorted(
+        sorted(g) for g in groups if len(g) > 1 or any(n in imports.get(n, ()) for n in g)
+    )
 
 
 def test_no_modules_import_each_other():
@@ -85,12 +87,13 @@ def test_circles_are_found_in_functions_and_for_types(tmp_path, monkeypatch):
         "two": "if TYPE_CHECKING:\n    from . import three\n",
         "three": "import room.one\n",
         "apart": "from room.one import late\n",
+        "itself": "from room import itself\n",
     }
     for name, text in texts.items():
         (tmp_path / "room" / f"{name}.py").write_text(text)
     files = {module_of(path): path for path in (tmp_path / "room").glob("*.py")}
     imports = {name: set(modules_imported(path, files)) for name, path in files.items()}
-    assert circles(imports) == [["room.one", "room.three", "room.two"]]
+    assert circles(imports) == [["room.itself"], ["room.one", "room.three", "room.two"]]
 
 
 def test_contracts_forbid_modules_that_exist():

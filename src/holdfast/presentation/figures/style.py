@@ -21,7 +21,6 @@ from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.host.files import atomic_file
 from holdfast.maths.definitions.region import Circle, Segment, Shape
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
-from holdfast.presentation.figures import style
 
 matplotlib.use("Agg")
 
@@ -128,11 +127,19 @@ def axis_label(symbol: str, unit: str) -> str:
     return label(symbol) if unit == "1" else f"{label(symbol)} [{unit}]"
 
 
+FIXED: Mapping[str, dict[str, Any]] = {
+    "target": {"color": BLACK, "linewidth": 4.5, "zorder": 5},
+    "wall": {"color": GREY, "linewidth": 1.5, "zorder": 2},
+    "goals": {"color": PURPLE, "linewidth": 1.0, "linestyle": "--", "zorder": 2},
+}
+"""How shapes of these roles are drawn."""
+
+
 def draw_fixed(axis: Axes, scene: Iterable[Shape], parameters: Mapping[str, float] | None) -> None:
     """The segments and circles of a scene, each role labelled; cones belong to a path."""
     values = parameter_values(parameters)
     for shape in scene:
-        drawn = _fixed_style(shape.role)
+        drawn = FIXED.get(shape.role, {"color": BLACK, "linewidth": 1.2, "zorder": 2})
         if isinstance(shape, Segment):
             (x0, y0), (x1, y1) = (evaluated(p, values) for p in (shape.start, shape.end))
             axis.plot([x0, x1], [y0, y1], label=shape.role, solid_capstyle="butt", **drawn)
@@ -157,11 +164,3 @@ def seen_from(x: float, y: float, heading: float, corners: Any) -> Any:
     ahead = np.array([np.cos(heading), np.sin(heading)])
     left = np.array([-ahead[1], ahead[0]])
     return (x, y) + corners[:, :1] * ahead + corners[:, 1:] * left
-
-
-def _fixed_style(role: str) -> dict[str, Any]:
-    return {
-        "target": {"color": style.BLACK, "linewidth": 4.5, "zorder": 5},
-        "wall": {"color": style.GREY, "linewidth": 1.5, "zorder": 2},
-        "goals": {"color": style.PURPLE, "linewidth": 1.0, "linestyle": "--", "zorder": 2},
-    }.get(role, {"color": style.BLACK, "linewidth": 1.2, "zorder": 2})
