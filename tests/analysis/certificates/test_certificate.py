@@ -106,6 +106,40 @@ def test_finite_horizon_has_levels_and_is_checked(tmp_path):
         check(str(changed(path, lambda h: h.update(holds=100))))
 
 
+def with_level(level, place):
+    """The entries of a file, one of which has another level."""
+
+    def alter(packed):
+        begin = 10 * place + 6
+        return packed[:begin] + level.to_bytes(4, "little") + packed[begin + 4 :]
+
+    return alter
+
+
+@pytest.mark.parametrize("level", [0, 4])
+def test_level_of_no_hold_of_the_horizon_is_refused(level, tmp_path):
+    """x' = 1 + u/2 is driven out of |x| <= 1: three holds have the levels 1 to 3."""
+    line = hf.System(
+        "line", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": 1 + U / 2},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    ends = hf.Region("ends", line.states, (hf.Inequality("c", sp.Abs(X) - 1, "m"),))
+    found = certify(line, ends, box={"x": (-1, 1)}, cells=20, horizon=0.6, sample_time=0.2)
+    levels = found.kept.entries[:, 2].tolist()
+    assert {*levels} == {1, 2, 3}
+    path = found.write(tmp_path / "line.certificate")
+    assert "entries hold" in check(str(path))
+    place = levels.index(min(levels, key=lambda k: abs(k - level)))
+    with pytest.raises(NotValidError, match="no such cell, input or level"):
+        check(str(changed(path, lambda h: None, entries=with_level(level, place))))
+
+
+def test_entry_that_lasts_for_ever_has_no_level(braked, tmp_path):
+    path = braked.write(tmp_path / "cart.certificate")
+    with pytest.raises(NotValidError, match="no such cell, input or level"):
+        check(str(changed(path, lambda h: None, entries=with_level(1, 0))))
+
+
 def test_angle_that_turns_around_is_certified_and_checked(tmp_path):
     """A vehicle between two walls that must turn away in time, its heading over a whole turn."""
     y, psi, r = (hf.symbol(n) for n in ("y", "psi", "r"))
@@ -396,6 +430,7 @@ def test_constraint_of_a_value_that_does_not_exist_certifies_nothing():
         (lambda h: h.update(edges=[h["edges"][0][::-1], h["edges"][1]]), "do not grow"),
         (lambda h: h["edges"][0].__setitem__(0, "-inf"), "not finite"),
         (lambda h: h.update(errors=h["errors"][:1]), "do not go together"),
+        (lambda h: h.update(errors=[h["errors"][0], (-1e-9).hex()]), "the errors are none"),
         (lambda h: h.update(cells_kept=float(h["cells_kept"])), "cells_kept has another form"),
         (lambda h: h.update(candidates=[]), "are none"),
         (lambda h: h.update(law={}), "law has another form"),
