@@ -2,13 +2,15 @@
 
     python benchmarks/mutation.py                                  # every part, 40 mutants of each
     python benchmarks/mutation.py --part filter --count 200 --seed 3
+    python benchmarks/mutation.py --part checker --begin 17        # goes on where a run was stopped
     python benchmarks/mutation.py --part checker --only 17 --seed 1
 
 A mutant is one file of `src` in which one comparison has another link (< for <=, == for !=), a part
 of an `and` or `or` is gone, a condition is turned around, + is -, * is /, `min` is `max`, or a
 number is one more. Mutants are drawn from (seed, number); their tests run in a copy of the tree
 until one fails. A mutant that all of them pass survives: either the tests hold nothing there, or it
-says the same, and `mutation.toml` says why. `mutation.json` has the counts and the survivors.
+says the same, and `mutation.toml` says why. `mutation.json` has the counts, the survivors and how
+many of those that were drawn have been tried.
 
 Exit status 1 if a mutant survives of which `mutation.toml` says nothing.
 """
@@ -27,7 +29,7 @@ import shutil
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import llvmlite.binding
@@ -174,8 +176,10 @@ def used() -> float:
     return of.ru_utime + of.ru_stime
 
 
-def survivors_of(part: str, count: int, seed: int, only: int | None) -> tuple[int, list[str]]:
-    """How many mutants were tried, and those that all tests passed."""
+def outcomes(
+    part: str, count: int, seed: int, asked: Iterable[int]
+) -> Iterator[tuple[int, str, bool]]:
+    """(number, what is other, whether all tests passed it) of mutants of a part."""
     files, tests = PARTS[part]
     with tempfile.TemporaryDirectory() as folder:
         copied = Path(folder) / "tree"
@@ -191,17 +195,14 @@ def survivors_of(part: str, count: int, seed: int, only: int | None) -> tuple[in
             for mutant in mutants(ROOT / "src" / name, within)
         ]
         drawn = random.Random(f"{seed} {part}").sample(every, min(count, len(every)))
-        alive = []
-        for number, (file, says, *exchange) in enumerate(drawn):
-            if only is not None and number != only:
-                continue
+        for number in asked:
+            file, says, *exchange = drawn[number]
             true = file.read_text("utf-8")
             file.write_text(replaced(*exchange), "utf-8")
             lives = passes(copied, tests, seconds)
             file.write_text(true, "utf-8")
             print(f"{part} {number}: {'LIVES' if lives else 'found'}: {says}", flush=True)
-            alive += [says] if lives else []
-    return len(drawn), alive
+            yield number, says, lives
 
 
 def main() -> None:
@@ -209,21 +210,27 @@ def main() -> None:
     parser.add_argument("--part", choices=PARTS, action="append", help="only this one (or several)")
     parser.add_argument("--count", type=int, default=40, help="mutants of each part")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", type=int, help="one mutant, by its number")
+    parser.add_argument("--begin", type=int, default=0, help="go on with this mutant of the record")
+    parser.add_argument("--only", type=int, help="one mutant, by its number, without a record")
     asked = parser.parse_args()
-    if asked.only is not None and not 0 <= asked.only < asked.count:
-        parser.error(f"--only {asked.only}: expected a number below --count, {asked.count}")
-    reasons = tomllib.loads(REASONS.read_text("utf-8")) if REASONS.exists() else {}
+    if not 0 <= (asked.only or asked.begin) < asked.count:
+        parser.error(f"expected a number below --count, {asked.count}")
+    numbers = range(asked.begin, asked.count) if asked.only is None else [asked.only]
+    reasons = tomllib.loads(REASONS.read_text("utf-8"))
     open_questions = []
     for part in asked.part or PARTS:
-        tried, alive = survivors_of(part, asked.count, asked.seed, asked.only)
+        record = json.loads(RECORD.read_text("utf-8"))
+        alive = record[part]["survivors"] if asked.begin else []
+        for number, says, lives in outcomes(part, asked.count, asked.seed, numbers):
+            alive += [says] if lives else []
+            if asked.only is None:  # after every one, so that it can be stopped
+                record = json.loads(RECORD.read_text("utf-8"))
+                whole = {"seed": asked.seed, "of": asked.count, "mutants": number + 1}
+                record[part] = whole | {"survivors": sorted(alive)}
+                RECORD.write_text(json.dumps(record, indent=1) + "\n", "utf-8")
         unexplained = [says for says in alive if says not in reasons.get(part, {})]
         open_questions += unexplained
-        print(f"{part}: {tried} mutants, {len(alive)} survive, {len(unexplained)} unexplained")
-        if asked.only is None:
-            record = json.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
-            record[part] = {"seed": asked.seed, "mutants": tried, "survivors": sorted(alive)}
-            RECORD.write_text(json.dumps(record, indent=1) + "\n", "utf-8")
+        print(f"{part}: {len(alive)} survive, {len(unexplained)} unexplained")
     sys.exit(1 if open_questions else 0)
 
 

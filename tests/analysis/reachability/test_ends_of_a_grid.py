@@ -154,3 +154,19 @@ def test_set_depends_on_nothing_beyond_an_end_that_nothing_leads_out_of(fastest,
     promise = hf.check_promise(system, found, walls, runs=50)
     assert promise.held
     assert promise.confirmed is not bool(ends)
+
+
+def test_what_leads_out_of_an_end_is_not_judged_where_it_depends_on_time():
+    """v' = (u - v |v|) t, |u| <= 1: never out of |v| <= 1.2, but it was looked at one instant only."""
+    x, v, u = (hf.symbol(n) for n in ("x", "v", "u"))
+    system = hf.System(
+        "cart in water that thickens",
+        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
+        (hf.Quantity("u", "m/s^2"),),
+        {"x": v, "v": (u - v * abs(v)) * hf.TIME},
+        input_bounds=hf.Box((-1,), (1,)),
+    )
+    walls = hf.Region("walls", system.states, (hf.Inequality("far", abs(x) - 1, "m"),))
+    grid = hf.grid(system, {"x": (-1.1, 1.1), "v": (-1.2, 1.2)}, 21)
+    found = hf.viability_kernel(system, walls, grid, 0.3, scheme="upwind")
+    assert found.report.ends_reached == "v = -1.2, v = 1.2"
