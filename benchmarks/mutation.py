@@ -64,7 +64,8 @@ PARTS = {
     "verdicts of marches": (
         ["holdfast/analysis/reachability/one_march.py::OneMarch _ends_reached _check_growth"],
         [f"tests/analysis/reachability/test_{name}.py" for name in (
-            "march_report", "convergence_of_a_march", "ends_of_a_grid", "checkpoint")],
+            "march_report", "convergence_of_a_march", "ends_of_a_grid", "checkpoint_in_parts",
+            "checkpoint")],
     ),
     "checker": (
         ["holdfast_check/checker.py::Checker well_formed _of_flowpipe _of_cells",
