@@ -59,13 +59,15 @@ PARTS = {
         [*(f"tests/maths/control/test_{name}.py" for name in (
             "held_gain", "held_conditions", "later_inputs", "rate_limits", "safety_filter",
             "priority")),
-         "tests/analysis/online/test_overshoot.py", "tests/analysis/online/test_safety_filter.py"],
+         *(f"tests/analysis/online/test_{name}.py" for name in (
+             "filter_of_parts", "overshoot", "safety_filter"))],
     ),
     "verdicts of marches": (
         ["holdfast/analysis/reachability/one_march.py::OneMarch _ends_reached _check_growth"],
-        [f"tests/analysis/reachability/test_{name}.py" for name in (
+        [*(f"tests/analysis/reachability/test_{name}.py" for name in (
             "march_report", "convergence_of_a_march", "ends_of_a_grid", "checkpoint_in_parts",
-            "checkpoint")],
+            "checkpoint")),
+         "tests/known_solutions/test_exact_kernels.py"],
     ),
     "checker": (
         ["holdfast_check/checker.py::Checker well_formed _of_flowpipe _of_cells",

@@ -170,3 +170,15 @@ def test_what_leads_out_of_an_end_is_not_judged_where_it_depends_on_time():
     grid = hf.grid(system, {"x": (-1.1, 1.1), "v": (-1.2, 1.2)}, 21)
     found = hf.viability_kernel(system, walls, grid, 0.3, scheme="upwind")
     assert found.report.ends_reached == "v = -1.2, v = 1.2"
+
+
+@pytest.mark.parametrize("rate", ["u/2 - x", "u/2 + x"])
+def test_what_a_forward_set_has_beyond_the_grid_is_said_whether_it_flows_in_or_out(rate):
+    x, u = hf.symbol("x"), hf.symbol("u")
+    states = (hf.Quantity("x", "m"),)
+    rates = {"x": hf.parse_expression(rate, {"x": x, "u": u})}
+    line = hf.System("line", states, (hf.Quantity("u"),), rates, input_bounds=hf.Box((-1,), (1,)))
+    start = hf.Region("start", states, (hf.Inequality("far", abs(x) - 1, "m"),))
+    grid = hf.grid(line, {"x": (-0.8, 0.8)}, 41, {"x": "extrapolated"})
+    found = hf.forward_reachable_set(line, start, grid, 0.1)
+    assert found.report.ends_reached == "x = -0.8, x = 0.8"
