@@ -2,13 +2,15 @@
 
     python benchmarks/mutation.py                                  # every part, 40 mutants of each
     python benchmarks/mutation.py --part filter --count 200 --seed 3
+    python benchmarks/mutation.py --part checker --begin 17        # goes on where a run was stopped
     python benchmarks/mutation.py --part checker --only 17 --seed 1
 
 A mutant is one file of `src` in which one comparison has another link (< for <=, == for !=), a part
 of an `and` or `or` is gone, a condition is turned around, + is -, * is /, `min` is `max`, or a
 number is one more. Mutants are drawn from (seed, number); their tests run in a copy of the tree
 until one fails. A mutant that all of them pass survives: either the tests hold nothing there, or it
-says the same, and `mutation.toml` says why. `mutation.json` has the counts and the survivors.
+says the same, and `mutation.toml` says why. `mutation.json` has the counts, the survivors and how
+many of those that were drawn have been tried.
 
 Exit status 1 if a mutant survives of which `mutation.toml` says nothing.
 """
@@ -19,46 +21,61 @@ import argparse
 import ast
 import copy
 import json
+import math
 import os
 import random
+import resource
 import shutil
-import subprocess
 import sys
 import tempfile
-import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+
+import llvmlite.binding
+import numpy
+import pytest
+import sympy
+
+LIBRARIES = (llvmlite.binding, numpy, sympy)
+"""What every run of the tests needs, and takes most of a second to load."""
 
 ROOT = Path(__file__).parent.parent
 RECORD, REASONS = (Path(__file__).with_suffix(ending) for ending in (".json", ".toml"))
 LONGER = 4
-"""A mutant that takes this many times as long as the true code goes on for ever."""
+"""A mutant that takes so many times the time of a processor as the true code goes on for ever."""
 
 PARTS = {
-    # part: its files below src, or one function or class of one, and the tests that hold it
+    # part: its files below src, or functions and classes of one, and the tests that hold it
     "quadratic program": (
         ["holdfast/execution/simulation/quadratic_program.py"],
         ["tests/execution/simulation/test_quadratic_program.py",
          "tests/maths/control/test_priority.py"],
     ),
     "filter": (
-        ["holdfast/analysis/online/safety_filter.py", "holdfast/maths/control/safety_filter.py"],
-        ["tests/analysis/online/test_safety_filter.py", "tests/analysis/online/test_overshoot.py",
-         "tests/maths/control"],
+        ["holdfast/analysis/online/safety_filter.py::crossings_of _along _most SafetyFilter",
+         "holdfast/maths/control/safety_filter.py::HeldGains conditions _longest _latest in_order "
+         "_levels safeguard asked_of _level _depth _Unknown limit_rates _steps _rates"],
+        [*(f"tests/maths/control/test_{name}.py" for name in (
+            "held_gain", "held_conditions", "later_inputs", "rate_limits", "safety_filter",
+            "priority")),
+         *(f"tests/analysis/online/test_{name}.py" for name in (
+             "filter_of_parts", "overshoot", "safety_filter"))],
     ),
     "verdicts of marches": (
-        ["holdfast/analysis/reachability/one_march.py::OneMarch",
-         "holdfast/analysis/reachability/one_march.py::_ends_reached",
-         "holdfast/analysis/reachability/one_march.py::_check_growth"],
-        ["tests/analysis/reachability/test_convergence_of_a_march.py",
-         "tests/analysis/reachability/test_ends_of_a_grid.py",
-         "tests/analysis/reachability/test_march_report.py"],
+        ["holdfast/analysis/reachability/one_march.py::OneMarch _ends_reached _check_growth"],
+        [*(f"tests/analysis/reachability/test_{name}.py" for name in (
+            "march_report", "convergence_of_a_march", "ends_of_a_grid", "checkpoint_in_parts",
+            "checkpoint")),
+         "tests/known_solutions/test_exact_kernels.py"],
     ),
     "checker": (
-        ["holdfast_check/checker.py", "holdfast_check/held.py", "holdfast_check/law.py",
-         "holdfast_check/safeguard.py", "holdfast_check/taylor.py", "holdfast_check/flowpipe.py"],
-        ["tests/analysis/certificates"],
+        ["holdfast_check/checker.py::Checker well_formed _of_flowpipe _of_cells",
+         "holdfast_check/held.py", "holdfast_check/law.py", "holdfast_check/safeguard.py",
+         "holdfast_check/flowpipe.py"],
+        [f"tests/analysis/certificates/test_{name}.py" for name in (
+            "checker_numbers", "certificate", "horizon", "reaching", "forged_laws", "judged_laws",
+            "refining", "statement", "flowpipe", "safeguards_over_boxes")],
     ),
 }  # fmt: skip
 
@@ -136,48 +153,59 @@ def replaced(tree: ast.Module, node: ast.AST, other: ast.AST) -> str:
     return ast.unparse(ast.fix_missing_locations(Exchange().visit(fresh)))
 
 
-def passes(copied: Path, tests: list[str], seconds: float) -> bool:
-    """Whether all tests pass with the sources of a copy, in time."""
-    places = [copied / "src", copied / "benchmarks", copied]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, places))}
-    words = ["-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
-    try:
-        ended = subprocess.run(
-            [sys.executable, *words], cwd=copied, env=environment, timeout=seconds,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        return False
-    return ended.returncode == 0
+def passes(copied: Path, tests: list[str], seconds: int) -> bool:
+    """Whether all tests pass with the sources of a copy, in so many seconds of a processor.
+
+    They run in a child of this process, which has the libraries already (`LIBRARIES`).
+    """
+    child = os.fork()
+    if child == 0:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+            os.dup2(nowhere.fileno(), 2)
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+        places = [str(copied / name) for name in ("src", "benchmarks", ".")]
+        sys.path[:1] = places
+        os.environ["PYTHONPATH"] = os.pathsep.join(places)
+        os.chdir(copied)
+        words = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
+        os._exit(int(pytest.main(words)))
+    return os.waitpid(child, 0)[1] == 0
 
 
-def survivors_of(part: str, count: int, seed: int, only: int | None) -> tuple[int, list[str]]:
-    """How many mutants were tried, and those that all tests passed."""
+def used() -> float:
+    """Seconds of processors that programs run from here have taken."""
+    of = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return of.ru_utime + of.ru_stime
+
+
+def outcomes(
+    part: str, count: int, seed: int, asked: Iterable[int]
+) -> Iterator[tuple[int, str, bool]]:
+    """(number, what is other, whether all tests passed it) of mutants of a part."""
     files, tests = PARTS[part]
     with tempfile.TemporaryDirectory() as folder:
         copied = Path(folder) / "tree"
         shutil.copytree(ROOT, copied, ignore=shutil.ignore_patterns(".git", "runs", "__pycache__"))
-        begun = time.perf_counter()
+        begun = used()
         if not passes(copied, tests, 3600):
             raise SystemExit(f"the tests of the {part} fail as they are: {' '.join(tests)}")
-        seconds = LONGER * (time.perf_counter() - begun)
+        seconds = math.ceil(LONGER * (used() - begun))
         every = [
             (copied / "src" / name, *mutant)
-            for name, _, within in (entry.partition("::") for entry in files)
+            for name, _, places in (entry.partition("::") for entry in files)
+            for within in places.split() or [""]
             for mutant in mutants(ROOT / "src" / name, within)
         ]
         drawn = random.Random(f"{seed} {part}").sample(every, min(count, len(every)))
-        alive = []
-        for number, (file, says, *exchange) in enumerate(drawn):
-            if only is not None and number != only:
-                continue
+        for number in asked:
+            file, says, *exchange = drawn[number]
             true = file.read_text("utf-8")
             file.write_text(replaced(*exchange), "utf-8")
             lives = passes(copied, tests, seconds)
             file.write_text(true, "utf-8")
             print(f"{part} {number}: {'LIVES' if lives else 'found'}: {says}", flush=True)
-            alive += [says] if lives else []
-    return len(drawn), alive
+            yield number, says, lives
 
 
 def main() -> None:
@@ -185,21 +213,27 @@ def main() -> None:
     parser.add_argument("--part", choices=PARTS, action="append", help="only this one (or several)")
     parser.add_argument("--count", type=int, default=40, help="mutants of each part")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", type=int, help="one mutant, by its number")
+    parser.add_argument("--begin", type=int, default=0, help="go on with this mutant of the record")
+    parser.add_argument("--only", type=int, help="one mutant, by its number, without a record")
     asked = parser.parse_args()
-    if asked.only is not None and not 0 <= asked.only < asked.count:
-        parser.error(f"--only {asked.only}: expected a number below --count, {asked.count}")
-    reasons = tomllib.loads(REASONS.read_text("utf-8")) if REASONS.exists() else {}
-    record = json.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
+    if not 0 <= (asked.only or asked.begin) < asked.count:
+        parser.error(f"expected a number below --count, {asked.count}")
+    numbers = range(asked.begin, asked.count) if asked.only is None else [asked.only]
+    reasons = tomllib.loads(REASONS.read_text("utf-8"))
     open_questions = []
     for part in asked.part or PARTS:
-        tried, alive = survivors_of(part, asked.count, asked.seed, asked.only)
+        record = json.loads(RECORD.read_text("utf-8"))
+        alive = record[part]["survivors"] if asked.begin else []
+        for number, says, lives in outcomes(part, asked.count, asked.seed, numbers):
+            alive += [says] if lives else []
+            if asked.only is None:  # after every one, so that it can be stopped
+                record = json.loads(RECORD.read_text("utf-8"))
+                whole = {"seed": asked.seed, "of": asked.count, "mutants": number + 1}
+                record[part] = whole | {"survivors": sorted(alive)}
+                RECORD.write_text(json.dumps(record, indent=1) + "\n", "utf-8")
         unexplained = [says for says in alive if says not in reasons.get(part, {})]
         open_questions += unexplained
-        record[part] = {"seed": asked.seed, "mutants": tried, "survivors": sorted(alive)}
-        print(f"{part}: {tried} mutants, {len(alive)} survive, {len(unexplained)} unexplained")
-        if asked.only is None:
-            RECORD.write_text(json.dumps(record, indent=1) + "\n", "utf-8")
+        print(f"{part}: {len(alive)} survive, {len(unexplained)} unexplained")
     sys.exit(1 if open_questions else 0)
 
 

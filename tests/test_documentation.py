@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import math
 import os
 import re
 import shlex
@@ -313,6 +314,8 @@ def test_tutorial_counts_the_ferries_that_its_kernel_can_save(ferry):
     alone, safe = (ferry[n][1].dataset for n in ("ferry", "ferry-safe"))
     starts = alone["state"].values[:, 0]
     assert np.array_equal(starts, safe["state"].values[:, 0])
+    assert len(starts) == 300
+    assert np.abs(starts[:, 1]).max() <= math.radians(90)
     inside = ferry["ferry-kernel"][1].value.at(starts) > 0
     alone, kept = (d["outcome"].values == hf.Outcome.LEFT for d in (alone, safe))
     assert (inside.sum(), (~inside).sum(), alone.sum()) == (254, 46, 49)

@@ -170,7 +170,9 @@ def test_monitor_that_is_killed_leaves_all_but_its_last_messages(tmp_path):
         for one in StreamReader(file).records:
             if isinstance(one, Message):
                 found.append(one)
+    assert CHUNK == 64 * 1024
     lost = CHUNK / min(len(m.data) for m in found)
+    assert lost == pytest.approx(300, abs=30)
     assert 2000 - lost <= len(found) < 2000
 
 

@@ -2,12 +2,14 @@
 
 import contextlib
 import io
+import math
 import re
 import tomllib
 from pathlib import Path
 from pydoc import locate
 
 import numpy as np
+import pytest
 
 import holdfast as hf
 from holdfast.analysis.simulation.law_comparison import Rate
@@ -54,7 +56,8 @@ def test_controller_of_ten_lines_loses_the_view_and_the_filter_keeps_it():
 
 def test_fraction_in_the_readme_is_the_measured_one():
     result = hf.load_scenario("inspection").run()
-    assert f"{result.viable} of {result.dataset.sizes['run']}" in README
+    assert (result.viable, result.dataset.sizes["run"]) == (203, 203)
+    assert "203 of 203" in README
 
 
 def test_readme_counts_the_claims_of_the_thesis():
@@ -64,7 +67,9 @@ def test_readme_counts_the_claims_of_the_thesis():
 
 
 def test_certainty_of_a_thousand_runs_that_stay_is_the_one_that_limits_names():
-    low = Rate(1000, 1000).interval[0]
+    low = Rate(1000, 1000).interval[0]  # Wilson's: n / (n + z^2)
+    z = math.sqrt(1000 * (1 / low - 1))
+    assert math.erf(z / math.sqrt(2)) == pytest.approx(0.95)
     page = (ROOT / "docs/limits.md").read_text("utf-8")
     assert f"at most {100 * (1 - low):.1f} % are lost" in page
 

@@ -101,6 +101,7 @@ def test_recorded_answer_of_gazebo_to_ardupilot_is_read():
 def test_servo_packet_with_32_channels_has_its_own_number():
     data = struct.pack("<HHI32H", 29569, 400, 7, *range(1000, 1032))
     found = ServoPacket.read(data)
+    assert len(found.pwm) == 32
     assert (found.frame_rate, found.frame_count, found.pwm[31]) == (400, 7, 1031)
     assert found.pack() == data
 
@@ -244,7 +245,8 @@ def test_pulses_are_thrust_ahead_and_astern_over_the_limits():
     limit = next(p.value for p in vehicle.parameters if p.name == "thrust_limit")
     arm = next(p.value for p in vehicle.parameters if p.name == "thruster_arm")
     outputs = ServoOutputs(vehicle)
-    assert list(outputs.servos) == ["port", "starboard"]
+    channels = {name: servo.channel for name, servo in outputs.servos.items()}
+    assert channels == {"port": 1, "starboard": 3}
     for pulses, expected in {
         (2000, 0, 2000): (2 * limit, 0),
         (1000, 0, 1000): (-2 * limit, 0),

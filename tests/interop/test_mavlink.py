@@ -232,6 +232,8 @@ def test_inputs_return_from_their_messages():
         for share in (-1, -0.4, 0, 0.123, 1):
             given = {name: share * full for name, full in commands.full.items()}
             assert commands.command(commands.of(given, 1)) == pytest.approx(given)
+        largest = commands.of(commands.full, 1)
+        assert [getattr(largest, axis) for axis in axes.values()] == [1000, 1000]
     setpoint = BodyVelocity(robot)
     given = {"v": 0.25, "r": -0.5}
     message = setpoint.of(given, 1)

@@ -80,24 +80,30 @@ def lake(nodes):
     return value, start, exact
 
 
+def test_set_that_a_jump_of_the_value_bounds_may_be_too_large():
+    """0.25 can be held: the zero of V is between the nodes at 0.225 and 0.3."""
+    value, _, _ = line(33)
+    assert value.extent()["x"] == pytest.approx((-0.269, 0.269), abs=5e-4)
+
+
 @pytest.mark.parametrize(
     ("problem", "nodes", "false", "share"),
     [
-        (line, 33, (0.058, 0.069), 0.48),
-        (line, 65, (0.0, 0.0), 0.55),
-        (line, 201, (0.0, 0.0), 0.86),
-        (lake, 41, (0.006, 0.0075), 0.23),
-        (lake, 81, (0.0065, 0.0075), 0.65),
-        (population, 41, (0.005, 0.007), 0.49),
-        (population, 81, (0.003, 0.005), 0.73),
-        (cart, 41, (0.0, 0.0), 0.81),
+        (line, 33, 0.064, 0.48),
+        (line, 65, 0.0, 0.55),
+        (line, 201, 0.0, 0.86),
+        (lake, 41, 0.0069, 0.23),
+        (lake, 81, 0.0071, 0.65),
+        (population, 41, 0.006, 0.49),
+        (population, 81, 0.0039, 0.73),
+        (cart, 41, 0.0, 0.81),
     ],
 )
 def test_no_state_of_an_inner_set_is_lost(problem, nodes, false, share):
     """false: the part of the set itself that is; share: the part of the exact set that is inner."""
     value, states, exact = problem(nodes)
     claimed, inner = value.contains(states), value.inner().contains(states)
-    assert false[0] <= (claimed & ~exact).sum() / claimed.sum() <= false[1]
+    assert (claimed & ~exact).sum() / claimed.sum() == pytest.approx(false, abs=5e-4)
     assert not (inner & ~exact).any()
     assert not (inner & ~claimed).any()
     assert (inner & exact).sum() / exact.sum() == pytest.approx(share, abs=0.01)

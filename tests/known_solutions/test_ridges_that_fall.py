@@ -142,6 +142,7 @@ def test_nor_for_any_of_many_problems_of_getting_out(kind, scheme, seed):
 @pytest.mark.parametrize("scheme", HIGH)
 def test_without_the_filter_three_of_fifteen_stand_still(kind, scheme, monkeypatch):
     monkeypatch.setattr(Posed, "marched_twice", False)
+    assert len(STOOD) == 3
     assert tuple(s for s in range(15) if driven_out(kind, s, 41, scheme) > 0) == STOOD
 
 

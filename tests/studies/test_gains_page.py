@@ -10,7 +10,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "gains.md").read_text()
 ROWS = json.loads(gains.RECORD.read_text())
 
 
-def test_table_of_the_page_is_the_record_of_the_benchmark():
+def test_table_of_gains_is_the_record_of_the_benchmark():
     assert gains.table(ROWS) in PAGE
 
 

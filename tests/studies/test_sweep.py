@@ -182,11 +182,11 @@ def test_values_that_are_none_are_refused(text, complaint):
 
 def test_latin_hypercube_has_one_cell_in_every_slice():
     axes = [read_over("k=1:2", latin=True), read_over("c=0.01:1:log", latin=True)]
-    cells = latin_cells(axes, 40, 3)
-    slices = np.column_stack([cells[:, 0] - 1, np.log10(cells[:, 1]) / 2 + 1]) * 40
-    assert (np.sort(np.floor(slices), axis=0) == np.arange(40)[:, None]).all()
-    assert np.array_equal(cells, latin_cells(axes, 40, 3))
-    own = qmc.LatinHypercube(2, rng=np.random.default_rng(3)).random(40)
+    cells = latin_cells(axes, 200, 3)
+    slices = np.column_stack([cells[:, 0] - 1, np.log10(cells[:, 1]) / 2 + 1]) * 200
+    assert (np.sort(np.floor(slices), axis=0) == np.arange(200)[:, None]).all()
+    assert np.array_equal(cells, latin_cells(axes, 200, 3))
+    own = qmc.LatinHypercube(2, rng=np.random.default_rng(3)).random(200)
     np.testing.assert_allclose(cells[:, 0], 1 + own[:, 0], rtol=1e-15)
 
 

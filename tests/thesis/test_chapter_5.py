@@ -142,6 +142,7 @@ def test_angular_and_printed_constraints_have_the_same_zero_set():
 def test_printed_constraint_changes_sign_beyond_the_angle_where_it_is_singular():
     """E10: at psi + alpha >= 90 deg a pose that sees the target fails (5.23b), and conversely."""
     pose = np.array([-0.5, -1.4, 1.15])
+    assert pose[2] + np.pi / 6 > np.radians(90)
     bearing = np.arctan2(1.4 - 0.1 * np.array([1, -1]), 0.5)
     assert (np.abs(bearing - pose[2]) < np.pi / 6).all()
     assert tangent_form(pose)[1] > 0

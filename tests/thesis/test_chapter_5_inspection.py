@@ -278,7 +278,8 @@ def test_weak_thrusters_keep_every_start_at_every_vertex_with_a_slower_law(model
 @pytest.mark.heavy
 def test_table_of_what_no_box_counts_is_what_the_benchmark_gives(model_box):
     """docs/rescue.md: 200 starts, 150 s, of both filters in every case beyond the box."""
-    page = (ROOT / "docs" / "rescue.md").read_text("utf-8")
+    header = "| case | filter of the nominal model | filter of the box |"
+    page = (ROOT / "docs" / "rescue.md").read_text("utf-8").split(header)[1]
     for case in model_box.BEYOND:
         nominal, box = (model_box.beyond(case, 200, 1, *o).viable for o in ((NOMINAL,), ()))
         assert f"| {case} | {nominal} | {box} |" in page

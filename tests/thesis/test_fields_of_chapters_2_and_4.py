@@ -259,6 +259,7 @@ def test_degree_on_the_sphere_is_zero_so_no_index_test_may_be_used_in_space(func
     field = function(moment=(1.0, 0.0, 0.0))
     components = [c.subs(field.values) for c in field.components]
     s = field.symbols
+    assert len(components) == 3
     assert sphere_degree(Arrays(s, components), 0.7) == pytest.approx(0, abs=1e-9)
     assert sphere_degree(Arrays(s, s), 0.7) == pytest.approx(1, abs=1e-9)
     assert sphere_degree(Arrays(s, [-c for c in s]), 0.7) == pytest.approx(-1, abs=1e-9)

@@ -23,7 +23,7 @@ def row(name, told):
     return f"| {' | '.join(cells)} |"
 
 
-def test_table_of_the_page_is_the_record_of_the_benchmark():
+def test_table_of_identification_is_the_record_of_the_benchmark():
     record = json.loads((ROOT / "benchmarks" / "identification.json").read_text())["foreign"]
     page = (ROOT / "docs" / "identify.md").read_text()
     assert set(record) == set(NAMES)

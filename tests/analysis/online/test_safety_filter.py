@@ -72,6 +72,22 @@ def test_inputs_of_the_filter_are_those_of_the_safeguard_in_the_closed_loop(vehi
     assert changed == data["overruled"].values[0] > 20
 
 
+def test_input_after_a_measurement_that_was_none_ramps_from_the_fallback_that_was_sent():
+    """1 m/s^2 at most, samples of 0.1 s: from 0.5 to 0.6 m/s, although it was the first sample."""
+    x, u = hf.symbol("x"), hf.symbol("u")
+    line = hf.System(
+        "line", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": u},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    far = hf.Region("far", line.states, (hf.Inequality("right", x - 10, "m"),))
+    keep = hf.SafetyFilter(line, far, sample_time=0.1, rates={"u": 1.0}, fallback=[0.5])
+    for blind, seen in (
+        (keep.step([math.nan], [1.0]).input, keep.step([0.0], [1.0]).input),
+        (keep.step_many([[math.nan]], [[1.0]]).input[0], keep.step_many([[0.0]], [[1.0]]).input[0]),
+    ):
+        assert (*blind, *seen) == pytest.approx((0.5, 0.6))
+
+
 def test_many_decisions_are_those_of_one_at_a_time(vehicle, keeper):
     states = around([-1.5, 0.5, -0.3, 0.1, 0.0, 0.0], 0.2)
     commands = around([1.0, 0.1], 4.0, seed=1)

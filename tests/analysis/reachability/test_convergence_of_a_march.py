@@ -73,6 +73,28 @@ def test_unstable_line_keeps_a_quarter_however_slow_it_is(slowness):
     assert not short.dataset.attrs["converged"]
 
 
+def test_march_converges_once_what_is_left_is_within_its_tolerance(double_integrator):
+    """On 40 x 40 nodes 0.019 of a cell are left after a minute: more than 0.01, the default."""
+    x = (hf.Quantity("x", "m"),)
+    region = hf.Region("walls", x, (hf.Inequality("wall", sp.Abs(X) - 1, "m"),))
+    box = {"x": (-1.2, 1.2), "v": (-2, 2)}
+
+    def said(nodes, **options):
+        grid = hf.grid(double_integrator, box, nodes)
+        options |= {"scheme": "upwind"}
+        return hf.viability_kernel(double_integrator, region, grid, 60.0, **options).dataset.attrs
+
+    unfinished = said(40)
+    assert unfinished["tolerance_cells"] == 0.01
+    assert unfinished["residual_cells"] == pytest.approx(0.019, abs=5e-4)
+    assert not unfinished["converged"]
+    for nodes, tolerance in ((25, 0.01), (40, 0.02), (40, 0.05), (40, 0.2)):
+        rest = said(nodes, tolerance=tolerance)
+        assert rest["converged"]
+        assert rest["residual_cells"] <= tolerance
+        assert rest["reached_s"] < 60
+
+
 @pytest.mark.parametrize("scheme", ["upwind", "weno5"])
 @pytest.mark.parametrize("horizon", [0.1, 1.0, 10.0, 100.0])
 def test_drift_that_is_small_beside_the_speeds_is_never_at_rest(scheme, horizon):

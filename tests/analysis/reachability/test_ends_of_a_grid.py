@@ -154,3 +154,31 @@ def test_set_depends_on_nothing_beyond_an_end_that_nothing_leads_out_of(fastest,
     promise = hf.check_promise(system, found, walls, runs=50)
     assert promise.held
     assert promise.confirmed is not bool(ends)
+
+
+def test_what_leads_out_of_an_end_is_not_judged_where_it_depends_on_time():
+    """v' = (u - v |v|) t, |u| <= 1: never out of |v| <= 1.2, but it was looked at one instant only."""
+    x, v, u = (hf.symbol(n) for n in ("x", "v", "u"))
+    system = hf.System(
+        "cart in water that thickens",
+        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
+        (hf.Quantity("u", "m/s^2"),),
+        {"x": v, "v": (u - v * abs(v)) * hf.TIME},
+        input_bounds=hf.Box((-1,), (1,)),
+    )
+    walls = hf.Region("walls", system.states, (hf.Inequality("far", abs(x) - 1, "m"),))
+    grid = hf.grid(system, {"x": (-1.1, 1.1), "v": (-1.2, 1.2)}, 21)
+    found = hf.viability_kernel(system, walls, grid, 0.3, scheme="upwind")
+    assert found.report.ends_reached == "v = -1.2, v = 1.2"
+
+
+@pytest.mark.parametrize("rate", ["u/2 - x", "u/2 + x"])
+def test_what_a_forward_set_has_beyond_the_grid_is_said_whether_it_flows_in_or_out(rate):
+    x, u = hf.symbol("x"), hf.symbol("u")
+    states = (hf.Quantity("x", "m"),)
+    rates = {"x": hf.parse_expression(rate, {"x": x, "u": u})}
+    line = hf.System("line", states, (hf.Quantity("u"),), rates, input_bounds=hf.Box((-1,), (1,)))
+    start = hf.Region("start", states, (hf.Inequality("far", abs(x) - 1, "m"),))
+    grid = hf.grid(line, {"x": (-0.8, 0.8)}, 41, {"x": "extrapolated"})
+    found = hf.forward_reachable_set(line, start, grid, 0.1)
+    assert found.report.ends_reached == "x = -0.8, x = 0.8"

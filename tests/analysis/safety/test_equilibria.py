@@ -55,6 +55,7 @@ def test_view_has_an_equilibrium_in_every_current_but_those_along_the_wall(vehic
 @pytest.mark.heavy
 def test_margins_of_every_degree_are_those_of_the_derivation(vehicle, view):
     margins = np.array([f.margin for f in hf.resting_directions(vehicle, view, 0.2, box=NEAR)])
+    assert len(margins) == 360
     assert [(margins > m).sum() for m in (0.05, 0.1)] == [346, 334]
     np.testing.assert_allclose(margins[[80, 85, 88]], [0.14, 0.07, 0.03], atol=0.005)
     assert margins[83] == pytest.approx(0.1005, abs=1e-4)

@@ -121,6 +121,20 @@ def test_filter_at_a_ridge_loses_no_start_whatever_the_scheme_and_the_grid(
                 assert runs_lost == 0, (sample_time, command, foe)
 
 
+@pytest.mark.heavy
+@pytest.mark.parametrize("scheme", ["upwind", "eno2", "eno3", "weno5"])
+@pytest.mark.parametrize(("nodes", "least"), [(81, 0.96), (161, 0.98)])
+def test_filter_at_a_ridge_keeps_nearly_all_of_its_kernel(scheme, nodes, least):
+    """Of the states of the kernel, those above the margin: they are kept."""
+    system, value = leaning(nodes, scheme, 0.2, 0.2)
+    q = np.random.default_rng(0).uniform(-1, 1, (60_000, 2)) * [1.3, 1.8]
+    for sample_time in (0.002, 0.01, 0.05):
+        keep = hf.SafetyFilter(system, value, sample_time=sample_time)
+        margin = next(p.value for p in keep.law.parameters if p.name == "safety_margin")
+        above = keep.step_many(q, np.zeros((len(q), 1))).value > margin
+        assert above.sum() / (value.at(q) > 0).sum() > least
+
+
 def test_filter_over_a_kernel_in_single_precision_decides_as_one_in_double():
     """Its table is of another kind, in memory, than that of all other kernels."""
     (system, double), (_, single) = leaning(), leaning(precision="float32")

@@ -90,6 +90,7 @@ def test_laws_of_a_case_start_from_the_same_states(cart):
 @pytest.mark.parametrize(("count", "total"), [(0, 50), (50, 50), (198, 203), (1, 3)])
 def test_interval_is_wilsons(count, total):
     p, z = count / total, 1.959963984540054
+    assert math.erf(z / math.sqrt(2)) == pytest.approx(0.95)
     centre = (p + z * z / (2 * total)) / (1 + z * z / total)
     half = z / (1 + z * z / total) * math.sqrt(p * (1 - p) / total + z * z / (4 * total**2))
     assert Rate(count, total).interval == pytest.approx((centre - half, centre + half), abs=1e-9)

@@ -10,7 +10,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.leaf import Evaluator
-from holdfast.maths.definitions.system import Antiderivative, FlatOutput
+from holdfast.maths.definitions.system import NODES, Antiderivative, FlatOutput
 from holdfast.maths.nonholonomic.chained_search import derived_flag
 from holdfast.maths.nonholonomic.structure import kinematic_system, structure
 
@@ -65,7 +65,8 @@ def test_flat_output_moves_along_the_line_between_the_axles_whatever_the_inputs(
     ("share", "error"), [(-0.95, 2e-14), (-0.9, 1e-15), (-0.5, 1e-16), (1, 2e-16), (20, 1e-16)]
 )
 def test_quadrature_of_the_arc_has_the_accuracy_of_its_numbers(share, error):
-    """To the largest angle of each hitch, in lengths of the trailer."""
+    """To the largest angle of each hitch, in lengths of the trailer; at 16 nodes."""
+    assert NODES == 16
     system = hf.systems.tractor_trailer(1, hitch_1=share, length_1=1.0)
     (mu,) = system.flat_output.antiderivatives
     p = {q.symbol: q.value for q in system.parameters}

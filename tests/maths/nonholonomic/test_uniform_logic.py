@@ -398,6 +398,7 @@ def test_law_that_would_divide_by_zero_is_refused_at_the_origin_and_called_local
     ids=lambda v: v.name if isinstance(v, hf.System) else None,
 )
 def test_what_is_missing_for_following_the_field_is_said(system, reason):
+    assert hf.laws.follow_field(hf.systems.chained_form(3))
     with pytest.raises(DefinitionError, match=reason):
         hf.laws.follow_field(system)
 
