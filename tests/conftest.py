@@ -18,6 +18,17 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # in the background of a 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # else no child could be interrupted
 gc.set_threshold(50_000)  # expressions and the compiler keep most of what they make
 
+LEFT_OUT = pytest.StashKey[set[str]]()
+"""The ids of the tests that the fast run leaves out, of the files that were collected."""
+
+
+def pytest_collection_modifyitems(config, items):
+    config.stash[LEFT_OUT] = {
+        item.nodeid
+        for item in items
+        if any(item.get_closest_marker(name) for name in ("heavy", "thesis"))
+    }
+
 
 @pytest.fixture(scope="session")
 def vehicle():

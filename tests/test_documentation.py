@@ -13,12 +13,13 @@ import time
 import tomllib
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 
 import holdfast as hf
 from holdfast.analysis.reachability.solve import set_on_grid
-from holdfast.commands.main import main
+from holdfast.commands.main import cli, main
 from holdfast.interop.logs.read import write_log
 from holdfast.presentation.text.runs import summary_text
 from holdfast.presentation.text.values import value_text
@@ -245,7 +246,37 @@ TRIED: set[str] = set()
 """Lines that stand on several pages are run on the first of them."""
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+WITH_COMMANDS = [p for p in PAGES if any(line.startswith("holdfast ") for line in typed(p))]
+
+
+@pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda p: p.stem)
+def test_commands_of_the_documentation_are_read(page, tmp_path, monkeypatch):
+    """Their options are those of the command, and their scenarios take the values that are set."""
+    monkeypatch.chdir(tmp_path)
+    write_named(page)
+    for line in typed(page):
+        if line.startswith("holdfast "):
+            words = shlex.split(re.split(" [<>] ", line)[0])[1:]
+            name, command, rest = cli.resolve_command(click.Context(cli), words)
+            asked = command.make_context(name, list(rest)).params
+            if asked.get("overrides") and "scenario" in asked and Path(words[1]).suffix != ".toml":
+                hf.load_scenario(asked["scenario"], asked["overrides"])
+
+
+LONG = {
+    "campaigns", "certificates", "commands", "currents", "explore", "formations", "gains", "identify",
+    "kernels", "reproduce", "rescue", "tutorial",
+}  # fmt: skip
+"""Pages whose commands take long, with few runs and nodes too."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(p, marks=[pytest.mark.heavy] * (p.stem in LONG), id=p.stem)
+        for p in WITH_COMMANDS
+    ],
+)
 def test_commands_of_the_documentation_run(page, folder, monkeypatch):
     """In the order of the page, with the files that the page shows."""
     monkeypatch.chdir(folder)
@@ -352,6 +383,7 @@ def test_benchmarks_of_the_documentation_run(line):
     subprocess.run([sys.executable, *shlex.split(line)[1:]], cwd=ROOT, check=True)
 
 
+@pytest.mark.heavy
 def test_cluster_of_the_documentation_computes(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.chdir(tmp_path)

@@ -24,7 +24,8 @@ def cart(tmp_path):
     return str(path)
 
 
-KERNELS = [n for n in scenario_names() if n not in scenarios_of("closed-loop", "formation")]
+OTHERS = scenarios_of("closed-loop", "formation")
+KERNELS = [n for n in scenario_names() if n not in OTHERS]
 
 
 def test_chapter_7_is_there():
