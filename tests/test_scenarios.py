@@ -70,6 +70,7 @@ def wrapped(angles):
     return (angles + np.pi) % (2 * np.pi) - np.pi
 
 
+@pytest.mark.thesis
 def test_blending_reports_the_true_fraction_of_viable_starts():
     """203 starts at 5 N: the corrected blending keeps at least 197 and brings 93 % to the goal.
 
@@ -256,6 +257,7 @@ def test_runs_takes_the_given_states_first():
 CHAPTERS_2_AND_4 = [n for n in scenario_names() if n.startswith(("ch2-", "ch4-"))]
 
 
+@pytest.mark.thesis
 @pytest.mark.parametrize("name", CHAPTERS_2_AND_4)
 def test_steering_scenario_brings_every_start_to_the_origin(name):
     """500 random starts and the given ones; none leaves the region where its law is regular."""
@@ -265,6 +267,7 @@ def test_steering_scenario_brings_every_start_to_the_origin(name):
     assert result.outcomes["left region"] == result.outcomes["diverged"] == 0
 
 
+@pytest.mark.thesis
 @pytest.mark.parametrize("name", ["ch3-known-current", "ch3-unknown-current"])
 def test_station_is_held_in_the_current_from_every_start(name):
     result = load_scenario(name).run()
@@ -272,13 +275,14 @@ def test_station_is_held_in_the_current_from_every_start(name):
     assert result.success_fraction == 1.0
 
 
-@pytest.mark.parametrize("n", [3, 4, 6, 8])
+@pytest.mark.parametrize("n", [4, *(pytest.param(n, marks=pytest.mark.heavy) for n in (3, 6, 8))])
 def test_chained_form_of_any_dimension_is_one_override_away(n):
     result = load_scenario("ch4-chained-n", [f"system.n={n}"], runs=50).run()
     assert result.dataset.sizes["state_name"] == n
     assert result.success_fraction == 1.0
 
 
+@pytest.mark.heavy
 def test_chained_form_of_ten_states_needs_a_large_x1_and_steps_of_a_millisecond():
     far = [f"law.{k}" for k in ("threshold=10", "escape_speed=5", "escape_time=4")]
     changes = ["system.n=10", "run.sample_time=0.001", *far]

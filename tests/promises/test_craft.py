@@ -99,7 +99,13 @@ def ahead(craft, speed, time):
     return hf.Law("ahead", craft.states, {n: forces[n] for n in craft.input_names})
 
 
-@pytest.mark.parametrize("name", CORRIDOR)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=[pytest.mark.heavy] * (n not in ("otter", "cybership_ii_full")))
+        for n in CORRIDOR
+    ],
+)
 def test_filter_of_a_coarse_kernel_stops_every_craft_before_a_wall_that_its_controller_hits(name):
     """Of 400 states those deep in the kernel all stay; the controller alone loses 8 to 64 % of them.
 

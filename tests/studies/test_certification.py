@@ -15,6 +15,7 @@ from holdfast_check.checker import check
 from tests.command_line import called, holdfast
 
 
+@pytest.mark.heavy
 def test_shipped_target_is_kept_in_view_for_ever_from_all_but_eight_cells(tmp_path):
     """Every cell is checked by the other program."""
     found = certified("seen-target")
@@ -111,6 +112,7 @@ def test_cart_in_four_states_is_certified_for_ever(tmp_path):
     assert check(str(found.write(tmp_path / "c.holdfast")), share=200 / len(found.kept.members))
 
 
+@pytest.mark.heavy
 def test_errors_and_a_delay_cost_cells_of_the_view(tmp_path):
     given = ["--error", "left=0.01", "--delay", "0.02", "--out", str(tmp_path), "--no-figures"]
     answer = called("certify", "seen-target", *given)
@@ -119,6 +121,7 @@ def test_errors_and_a_delay_cost_cells_of_the_view(tmp_path):
     assert "late           inputs, by up to 0.02 s" in answer.stdout
 
 
+@pytest.mark.heavy
 def test_capture_basin_is_certified_to_its_goal(tmp_path):
     given = ["--cells", "31", "--sample-time", "0.3", "--out", str(tmp_path), "--no-figures"]
     answer = called("certify", "ch7-capture-basin", *given)
@@ -200,6 +203,7 @@ def test_command_says_outside_of_which_cells_nothing_is_reached(tmp_path):
         assert not cells["member"].sel(x=1.3, y=0, method="nearest")
 
 
+@pytest.mark.heavy
 def test_command_says_which_states_of_a_kernel_are_lost_and_the_checker_agrees(tmp_path):
     of = ("ferry-banks", "--set", "grid.nodes=41")
     solved = holdfast("run", *of, "--out", "k", "--no-figures", cwd=tmp_path)
