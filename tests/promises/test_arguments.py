@@ -613,15 +613,15 @@ def close():
 
 
 SLOW = (
-    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "explore", "identify", "largest_certified", "load_scenario",
-    "tune",
+    "certify", "check_promise", "check_viability", "compare", "comparison_figure", "critical_points", "disturbance_margin", "explain", "explore",
+    "export_c_table", "identify", "judge_law", "largest_certified", "load_scenario", "outer_set", "parts_law", "tune",
 )  # fmt: skip
 """Functions, and laws below, that derive or simulate much before they refuse."""
 
 
 def of_slow(names, slow):
     """Every name, with how many kinds of nonsense it is given every day; heavy: all of them."""
-    usual = [pytest.param(n, 6 if n in slow else None, id=n) for n in names]
+    usual = [pytest.param(n, 3 if n in slow else None, id=n) for n in names]
     return usual + [pytest.param(n, None, marks=pytest.mark.heavy, id=f"{n} all") for n in slow]
 
 

@@ -146,10 +146,11 @@ def test_errors_and_delays_that_are_none_are_refused(given, said, tmp_path):
 def test_command_tries_the_cells_of_a_kernel(tmp_path):
     """The view is certified from the file of its kernel, as from the whole region."""
     solved = holdfast(
-        "run", "seen-target", "--set", "grid.nodes=31", "--out", "k", "--no-figures", cwd=tmp_path
-    )
+        "run", "seen-target", "--set", "grid.nodes=15", "--set", "promise.runs=10", "--out", "k",
+        "--no-figures", cwd=tmp_path,
+    )  # fmt: skip
     assert solved.returncode in (0, 1), solved.stderr
-    of = ("certify", "seen-target", "--cells", "31", "--no-figures")
+    of = ("certify", "seen-target", "--cells", "15", "--no-figures")
     shares = []
     for name, more in (("a", ()), ("b", ("--kernel", "k/result.nc"))):
         answer = holdfast(*of, *more, "--out", name, cwd=tmp_path)
@@ -203,10 +204,11 @@ def test_command_says_outside_of_which_cells_nothing_is_reached(tmp_path):
         assert not cells["member"].sel(x=1.3, y=0, method="nearest")
 
 
-@pytest.mark.heavy
 def test_command_says_which_states_of_a_kernel_are_lost_and_the_checker_agrees(tmp_path):
-    of = ("ferry-banks", "--set", "grid.nodes=41")
-    solved = holdfast("run", *of, "--out", "k", "--no-figures", cwd=tmp_path)
+    of = ("ferry-banks", "--set", "grid.nodes=21")
+    solved = holdfast(
+        "run", *of, "--set", "promise.runs=10", "--out", "k", "--no-figures", cwd=tmp_path
+    )
     assert solved.returncode in (0, 1), solved.stderr
     answer = holdfast(
         "certify", *of, "--outer", "k/result.nc", "--sample-time", "0.9", "--out", "o",
@@ -215,7 +217,7 @@ def test_command_says_which_states_of_a_kernel_are_lost_and_the_checker_agrees(t
     assert answer.returncode == 0, answer.stderr
     assert "drives it out of that" in answer.stdout
     assert "check it: holdfast-check o/lost.holdfast" in answer.stdout
-    assert "reach the target" in check(str(tmp_path / "o/lost.holdfast"), share=0.05)
+    assert "reach the target" in check(str(tmp_path / "o/lost.holdfast"))
 
 
 @pytest.mark.parametrize(

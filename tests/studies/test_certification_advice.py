@@ -35,6 +35,7 @@ def advised(answer):
     return [(shlex.split(m[1]), float(m[2])) for m in found if m]
 
 
+@pytest.mark.heavy
 def test_number_that_helps_is_named_and_helps(tmp_path):
     asked = ("certify", "held-station", "--no-figures", "--out", tmp_path)
     answer = called(*asked, "--set", "certificate.sample_time=0.1")
