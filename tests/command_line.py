@@ -40,7 +40,12 @@ from holdfast.__main__ import main
 
 for module in pkgutil.iter_modules(holdfast.commands.__path__):
     importlib.import_module("holdfast.commands." + module.name)
-for name in ("holdfast.scenario.load", "holdfast.analysis.simulation.simulate", "llvmlite.binding"):
+for name in (
+    "holdfast.scenario.load", "holdfast.scenario.kinds.closed_loop", "holdfast.scenario.kinds.kernel",
+    "holdfast.analysis.simulation.simulate", "holdfast.analysis.reachability.solve",
+    "holdfast.presentation.figures.paths", "holdfast.presentation.figures.histories",
+    "llvmlite.binding", "netCDF4", "matplotlib.pyplot", "matplotlib.backends.backend_svg",
+):
     importlib.import_module(name)
 for line in sys.stdin:
     asked = json.loads(line)

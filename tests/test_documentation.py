@@ -325,6 +325,7 @@ def printed(scenario, result):
     return value_text(result.value, result.promise, region)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", ["ferry", "ferry-kernel", "ferry-safe"])
 def test_tutorial_shows_what_its_scenarios_print(ferry, name):
     """Every line but the times they took; so its counts of runs and samples are those of today."""
@@ -336,6 +337,7 @@ def test_tutorial_shows_what_its_scenarios_print(ferry, name):
     assert steady.sub("", said).startswith(steady.sub("", shown[0].rstrip()))
 
 
+@pytest.mark.heavy
 def test_tutorial_counts_the_ferries_that_its_kernel_can_save(ferry):
     """254 of 300 start inside: five lost by the law alone, none when kept; of 46 outside 29 are.
 
@@ -350,6 +352,7 @@ def test_tutorial_counts_the_ferries_that_its_kernel_can_save(ferry):
     assert ((alone & inside).sum(), (kept & inside).sum(), (kept & ~inside).sum()) == (5, 0, 29)
 
 
+@pytest.mark.heavy
 def test_ferry_that_heads_for_a_bank_needs_the_room_that_the_tutorial_states(ferry):
     """2.1 m, for a circle of 0.4 m/s / 0.3 rad/s = 1.3 m and the water."""
     across = np.linspace(0, 3, 3001)

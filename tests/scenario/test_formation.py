@@ -84,6 +84,7 @@ def test_law_of_ones_own_follows_by_range_and_bearing():
     assert scenario.run().outcomes["reached goal"] == 1
 
 
+@pytest.mark.heavy
 def test_rule_of_the_thesis_with_the_exact_circle_is_safe_too():
     """A turn on the spot by 23.8 degrees inwards and more, then a circle of 1.15 to 1.41 m."""
     scenario = load_scenario("ch6-corridor", [*QUICK, "leader.rule=tangent", "leader.radius="])
@@ -109,7 +110,9 @@ WORST = {
 """Of all bearings, ranges, lines of sight, clearances and distances, as docs/formations.md says."""
 
 
-@pytest.mark.parametrize("name", WORST)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.heavy] * (n != "ch6-corridor")) for n in WORST]
+)
 def test_shipped_formations_arrive_with_everyone_in_view(name):
     scenario = load_scenario(name, QUICK)
     result = scenario.run()

@@ -453,6 +453,7 @@ def test_a_number_outside_its_limits_is_refused_and_the_page_goes_on(chromium, w
         assert "reached the goal" in page.page.inner_text("#status")
 
 
+@pytest.mark.heavy
 def test_a_capture_basin_ends_at_its_goal_as_its_promise_does(chromium, written):
     with opened(chromium, written("ch7-capture-basin", "grid.nodes=31", "march.times=5")) as page:
         page.until("page.fanSeconds !== null")
