@@ -107,10 +107,11 @@ def started(code, *arguments):
     )  # fmt: skip
 
 
-def called(*arguments, stdin=os.devnull, stdout=None):
+def called(*arguments, cwd=".", stdin=os.devnull, stdout=None):
     """The same in this process; standard output may be a stream of the caller's."""
     out, err = stdout or io.StringIO(), io.StringIO()
     with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.chdir(cwd))
         patch = stack.enter_context(pytest.MonkeyPatch.context())
         patch.setattr(sys, "argv", ["holdfast", *map(str, arguments)])
         patch.setattr(sys, "stdin", stack.enter_context(open(stdin, "rb")))

@@ -1,19 +1,17 @@
 """`holdfast explain`: the whole derivation, for the catalogue and for a user's TOML file."""
 
 import re
-import subprocess
-import sys
 
 import pytest
 
 import holdfast as hf
 from holdfast.maths.catalogue.signature import example
 from holdfast.scenario.files import load_system
+from tests.command_line import called
 
 
-def run(*arguments, cwd=None):
-    command = [sys.executable, "-m", "holdfast", "explain", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd)
+def run(*arguments, cwd="."):
+    return called("explain", *arguments, cwd=cwd)
 
 
 SYSTEMS = [
