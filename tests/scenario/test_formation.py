@@ -1,8 +1,6 @@
 """Scenarios of a leader and its followers: the numbers of the corridor, and what is refused."""
 
 import json
-import subprocess
-import sys
 import tomllib
 from importlib import resources
 
@@ -17,6 +15,7 @@ from holdfast.maths.catalogue.systems.chain import chain
 from holdfast.maths.formations.chain import joint_law
 from holdfast.planning.corners import Corner, Course, lead_along
 from holdfast.scenario.load import load_scenario
+from tests.command_line import called
 
 QUICK = ["run.sample_time=0.01", "run.record_every=0.1"]
 
@@ -235,10 +234,8 @@ def test_formation_has_one_start_and_one_law():
 
 def test_run_writes_map_constraints_and_animation(tmp_path):
     changes = [*QUICK, "run.horizon=8", "figures.animate=40"]
-    command = [sys.executable, "-m", "holdfast", "run", "ch6-corridor", "--out", str(tmp_path)]
-    done = subprocess.run(
-        command + [x for c in changes for x in ("--set", c)], capture_output=True, text=True
-    )
+    sets = [x for c in changes for x in ("--set", c)]
+    done = called("run", "ch6-corridor", "--out", tmp_path, *sets)
     assert done.returncode == 0, done.stderr
     assert "no wall" not in done.stderr
     assert "bearing1" in done.stdout
