@@ -10,10 +10,13 @@ os.environ.setdefault("SYMPY_CACHE_SIZE", "50000")  # many systems in one proces
 import numpy as np
 import pytest
 import sympy as sp
+from hypothesis import settings
 
 import holdfast as hf
 
 np.seterr(all="raise", under="ignore")
+settings.register_profile("here", deadline=None)  # the machine may do other things as well
+settings.load_profile("here")
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # in the background of a script
     signal.signal(signal.SIGINT, signal.default_int_handler)  # else no child could be interrupted
 gc.set_threshold(50_000)  # expressions and the compiler keep most of what they make
