@@ -40,7 +40,12 @@ from holdfast.__main__ import main
 
 for module in pkgutil.iter_modules(holdfast.commands.__path__):
     importlib.import_module("holdfast.commands." + module.name)
-for name in ("holdfast.scenario.load", "holdfast.analysis.simulation.simulate", "llvmlite.binding"):
+for name in (
+    "holdfast.scenario.load", "holdfast.scenario.kinds.closed_loop", "holdfast.scenario.kinds.kernel",
+    "holdfast.analysis.simulation.simulate", "holdfast.analysis.reachability.solve",
+    "holdfast.presentation.figures.paths", "holdfast.presentation.figures.histories",
+    "llvmlite.binding", "netCDF4", "matplotlib.pyplot", "matplotlib.backends.backend_svg",
+):
     importlib.import_module(name)
 for line in sys.stdin:
     asked = json.loads(line)
@@ -102,10 +107,11 @@ def started(code, *arguments):
     )  # fmt: skip
 
 
-def called(*arguments, stdin=os.devnull, stdout=None):
+def called(*arguments, cwd=".", stdin=os.devnull, stdout=None):
     """The same in this process; standard output may be a stream of the caller's."""
     out, err = stdout or io.StringIO(), io.StringIO()
     with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.chdir(cwd))
         patch = stack.enter_context(pytest.MonkeyPatch.context())
         patch.setattr(sys, "argv", ["holdfast", *map(str, arguments)])
         patch.setattr(sys, "stdin", stack.enter_context(open(stdin, "rb")))

@@ -10,13 +10,27 @@ os.environ.setdefault("SYMPY_CACHE_SIZE", "50000")  # many systems in one proces
 import numpy as np
 import pytest
 import sympy as sp
+from hypothesis import settings
 
 import holdfast as hf
 
 np.seterr(all="raise", under="ignore")
+settings.register_profile("here", deadline=None)  # the machine may do other things as well
+settings.load_profile("here")
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # in the background of a script
     signal.signal(signal.SIGINT, signal.default_int_handler)  # else no child could be interrupted
 gc.set_threshold(50_000)  # expressions and the compiler keep most of what they make
+
+LEFT_OUT = pytest.StashKey[set[str]]()
+"""The ids of the tests that the fast run leaves out, of the files that were collected."""
+
+
+def pytest_collection_modifyitems(config, items):
+    config.stash[LEFT_OUT] = {
+        item.nodeid
+        for item in items
+        if any(item.get_closest_marker(name) for name in ("heavy", "thesis"))
+    }
 
 
 @pytest.fixture(scope="session")

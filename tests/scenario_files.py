@@ -1,12 +1,20 @@
 """Scenario files of kernels that are known in closed form; the kinds of the shipped ones."""
 
+from functools import cache
+
 from holdfast.scenario.files import read_tables, scenario_names
 
 
-def scenarios_of(*kinds):
-    """The shipped scenarios of these kinds, by what their files say: none is composed."""
+@cache
+def kinds_of_scenarios():
+    """Shipped scenario -> its kind, by what its file says: none is composed."""
     headers = {name: read_tables(name)[2]["scenario"] for name in scenario_names()}
-    return [name for name, header in headers.items() if header.get("kind", "closed-loop") in kinds]
+    return {name: header.get("kind", "closed-loop") for name, header in headers.items()}
+
+
+def scenarios_of(*kinds):
+    """The shipped scenarios of these kinds."""
+    return [name for name, kind in kinds_of_scenarios().items() if kind in kinds]
 
 
 PLANT = """

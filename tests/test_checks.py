@@ -1,6 +1,7 @@
 """What `.ci/run` and the site do: a check fails where something is wrong, and only there."""
 
 import importlib.util
+import json
 import re
 import shlex
 import subprocess
@@ -9,6 +10,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from whole import RECORD
+
+from tests.conftest import LEFT_OUT
 
 ROOT = Path(__file__).parent.parent
 CHECKS = (ROOT / ".ci" / "run").read_text("utf-8")
@@ -70,3 +74,19 @@ def test_versions_of_all_that_the_checks_install_are_held():
         assert requirement.specifier.contains(version), text
     for tool in ("PIP", "UV"):
         assert f'export {tool}_CONSTRAINT="$work/constraints.txt"' in CHECKS
+
+
+@pytest.mark.skipif(not RECORD.exists(), reason="benchmarks/whole.py was not run yet")
+def test_every_test_that_the_fast_run_leaves_out_has_passed_in_the_record(pytestconfig):
+    """Else: `python benchmarks/whole.py --missing`, or all of it, and commit the record."""
+    verdicts, left_out = (
+        json.loads(RECORD.read_text("utf-8"))["tests"],
+        pytestconfig.stash[LEFT_OUT],
+    )
+    assert not left_out - set(verdicts), "not in the record"
+    assert all((ROOT / name.split("::")[0]).exists() for name in verdicts), "a file that is gone"
+    if not any("::" in name for name in pytestconfig.args):
+        files = {name.split("::")[0] for name in left_out}
+        recorded = {name for name in verdicts if name.split("::")[0] in files}
+        assert recorded == left_out, "no longer a test that is left out"
+    assert not {n: v for n, v in verdicts.items() if not v.startswith(("passed", "skipped: "))}

@@ -16,7 +16,7 @@ import xarray as xr
 
 import holdfast as hf
 from tests.c_code import needs_gcc
-from tests.command_line import FAST, ONE_STATE, holdfast
+from tests.command_line import FAST, ONE_STATE, called, holdfast
 
 
 def test_version_is_printed():
@@ -63,7 +63,7 @@ def test_list_names_every_entry_on_one_line():
     ],
 )
 def test_show_explains_an_entry(name, said):
-    answer = holdfast("show", name)
+    answer = called("show", name)
     assert answer.returncode == 0
     assert said in answer.stdout
     assert not answer.stderr
@@ -94,15 +94,15 @@ def test_run_writes_the_promised_files_and_a_readable_summary(tmp_path):
 
 def test_same_seed_gives_the_same_numbers(tmp_path):
     for out in ("a", "b"):
-        holdfast("run", "inspection", *FAST, "--no-figures", "--out", str(tmp_path / out))
+        called("run", "inspection", *FAST, "--no-figures", "--out", str(tmp_path / out))
     a, b = (hf.load(tmp_path / out / "result.nc").dataset for out in ("a", "b"))
     assert a["state"].equals(b["state"])
 
 
 def test_a_file_of_ones_own_runs_from_anywhere(tmp_path):
-    text = holdfast("show", "wheeled_camera").stdout
+    text = called("show", "wheeled_camera").stdout
     (tmp_path / "mine.toml").write_text(text)
-    answer = holdfast("run", "mine.toml", *FAST, cwd=tmp_path)
+    answer = called("run", "mine.toml", *FAST, cwd=tmp_path)
     assert answer.returncode == 0, answer.stderr
     assert (tmp_path / "runs" / "mine" / "result.nc").exists()
 
@@ -225,7 +225,7 @@ def test_bad_file_gets_one_clear_message_and_writes_nothing(
     ],
 )
 def test_wrong_arguments_exit_2_with_one_message(arguments, complaint, tmp_path):
-    answer = holdfast(*arguments, cwd=tmp_path)
+    answer = called(*arguments, cwd=tmp_path)
     assert answer.returncode == 2
     assert complaint in answer.stderr
     assert "Traceback" not in answer.stderr
@@ -258,7 +258,7 @@ def test_a_scenario_fetches_nothing_unless_it_may():
 
 
 def test_gains_beyond_their_limit_warn_and_name_the_limit(tmp_path):
-    answer = holdfast("run", "ch5-viable-goal-set", *FAST, "--set", "law.k1=0.4", cwd=tmp_path)
+    answer = called("run", "ch5-viable-goal-set", *FAST, "--set", "law.k1=0.4", cwd=tmp_path)
     assert answer.returncode == 0
     assert re.search(r"warning: k1\*mu = 0\.6 is not below its limit 0\.3508", answer.stderr)
 
@@ -393,7 +393,7 @@ def test_systems_without_a_position_in_the_plane_run_and_are_drawn(tmp_path, sta
         page = (Path(__file__).parent.parent / "docs" / "scenarios.md").read_text("utf-8")
         text = re.findall(r"```toml\n(.*?)```", page, re.S)[0]
     (tmp_path / "mine.toml").write_text(text)
-    answer = holdfast("run", "mine.toml", cwd=tmp_path)
+    answer = called("run", "mine.toml", cwd=tmp_path)
     assert answer.returncode == 0, answer.stderr
     written = {p.name for p in (tmp_path / "runs" / "mine").iterdir()}
     assert {"result.nc", "summary.json", "histories.png"} <= written
@@ -421,7 +421,7 @@ def test_exported_law_is_timed_by_the_compiler_that_is_here(tmp_path):
     )
     assert "wheeled_camera_step" in (tmp_path / "wheeled_camera.c").read_text()
     assert "int wheeled_camera_step(" in (tmp_path / "wheeled_camera.h").read_text()
-    alone = holdfast("export-c", "wheeled_camera", "--no-timing", "--out", "a.c", cwd=tmp_path)
+    alone = called("export-c", "wheeled_camera", "--no-timing", "--out", "a.c", cwd=tmp_path)
     assert "  header: a.h" in alone.stdout
     assert (tmp_path / "a.h").read_text() == (tmp_path / "wheeled_camera.h").read_text()
     assert "ns per call" not in alone.stdout
@@ -453,14 +453,14 @@ def test_law_is_written_where_it_cannot_be_timed(compiler, said, tmp_path):
 
 
 def test_law_and_header_are_never_one_file(tmp_path):
-    answer = holdfast("export-c", "wheeled_camera", "--no-timing", "--out", "a.h", cwd=tmp_path)
+    answer = called("export-c", "wheeled_camera", "--no-timing", "--out", "a.h", cwd=tmp_path)
     assert answer.returncode == 2
     assert "a law in C is a file that ends in .c; write --out a.c" in answer.stderr
     assert not list(tmp_path.iterdir())
 
 
 def test_kernel_has_no_law_to_export(tmp_path):
-    answer = holdfast("export-c", "ch7-discriminating", cwd=tmp_path)
+    answer = called("export-c", "ch7-discriminating", cwd=tmp_path)
     assert answer.returncode == 2
     assert "a discriminating-kernel has no law to export" in answer.stderr
     assert not list(tmp_path.iterdir())

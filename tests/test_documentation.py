@@ -14,12 +14,13 @@ import time
 import tomllib
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 
 import holdfast as hf
 from holdfast.analysis.reachability.solve import set_on_grid
-from holdfast.commands.main import main
+from holdfast.commands.main import cli, main
 from holdfast.interop.logs.read import write_log
 from holdfast.presentation.text.runs import summary_text
 from holdfast.presentation.text.values import value_text
@@ -246,7 +247,37 @@ TRIED: set[str] = set()
 """Lines that stand on several pages are run on the first of them."""
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+WITH_COMMANDS = [p for p in PAGES if any(line.startswith("holdfast ") for line in typed(p))]
+
+
+@pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda p: p.stem)
+def test_commands_of_the_documentation_are_read(page, tmp_path, monkeypatch):
+    """Their options are those of the command, and their scenarios take the values that are set."""
+    monkeypatch.chdir(tmp_path)
+    write_named(page)
+    for line in typed(page):
+        if line.startswith("holdfast "):
+            words = shlex.split(re.split(" [<>] ", line)[0])[1:]
+            name, command, rest = cli.resolve_command(click.Context(cli), words)
+            asked = command.make_context(name, list(rest)).params
+            if asked.get("overrides") and "scenario" in asked and Path(words[1]).suffix != ".toml":
+                hf.load_scenario(asked["scenario"], asked["overrides"])
+
+
+LONG = {
+    "campaigns", "certificates", "commands", "currents", "explore", "formations", "gains", "identify",
+    "kernels", "reproduce", "rescue", "tutorial",
+}  # fmt: skip
+"""Pages whose commands take long, with few runs and nodes too."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(p, marks=[pytest.mark.heavy] * (p.stem in LONG), id=p.stem)
+        for p in WITH_COMMANDS
+    ],
+)
 def test_commands_of_the_documentation_run(page, folder, monkeypatch):
     """In the order of the page, with the files that the page shows."""
     monkeypatch.chdir(folder)
@@ -295,6 +326,7 @@ def printed(scenario, result):
     return value_text(result.value, result.promise, region)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("name", ["ferry", "ferry-kernel", "ferry-safe"])
 def test_tutorial_shows_what_its_scenarios_print(ferry, name):
     """Every line but the times they took; so its counts of runs and samples are those of today."""
@@ -306,6 +338,7 @@ def test_tutorial_shows_what_its_scenarios_print(ferry, name):
     assert steady.sub("", said).startswith(steady.sub("", shown[0].rstrip()))
 
 
+@pytest.mark.heavy
 def test_tutorial_counts_the_ferries_that_its_kernel_can_save(ferry):
     """254 of 300 start inside: five lost by the law alone, none when kept; of 46 outside 29 are.
 
@@ -322,6 +355,7 @@ def test_tutorial_counts_the_ferries_that_its_kernel_can_save(ferry):
     assert ((alone & inside).sum(), (kept & inside).sum(), (kept & ~inside).sum()) == (5, 0, 29)
 
 
+@pytest.mark.heavy
 def test_ferry_that_heads_for_a_bank_needs_the_room_that_the_tutorial_states(ferry):
     """2.1 m, for a circle of 0.4 m/s / 0.3 rad/s = 1.3 m and the water."""
     across = np.linspace(0, 3, 3001)
@@ -355,6 +389,7 @@ def test_benchmarks_of_the_documentation_run(line):
     subprocess.run([sys.executable, *shlex.split(line)[1:]], cwd=ROOT, check=True)
 
 
+@pytest.mark.heavy
 def test_cluster_of_the_documentation_computes(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.chdir(tmp_path)

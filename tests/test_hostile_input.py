@@ -192,7 +192,7 @@ def test_definitions_are_frozen():
 
 
 NAMES = {n: hf.symbol(n) for n in ("x", "y", "psi", "k1", "t")}
-PATIENT = settings(deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+PATIENT = settings(suppress_health_check=list(HealthCheck), derandomize=True)
 
 
 @settings(PATIENT, max_examples=1500)

@@ -27,13 +27,14 @@ CLOSED_LOOPS = scenarios_of("closed-loop")
 """Formations have one start; `tests/scenario/test_formation.py` runs them."""
 
 
-@pytest.mark.parametrize("name", scenario_names())
-def test_every_scenario_loads_and_says_what_it_is(name):
-    scenario = load_scenario(name)
-    assert scenario.title
-    assert scenario.source
+def says_what_it_is(scenario):
     about = scenario.about if isinstance(scenario, KernelScenario) else scenario.region
-    assert about is not None or scenario.goal is not None
+    return scenario.title and scenario.source and (about or scenario.goal) is not None
+
+
+@pytest.mark.parametrize("name", [n for n in scenario_names() if n not in CLOSED_LOOPS])
+def test_every_kernel_and_formation_loads_and_says_what_it_is(name):
+    assert says_what_it_is(load_scenario(name))
 
 
 LEAVING = {
@@ -44,9 +45,10 @@ LEAVING = {
 
 
 @pytest.mark.parametrize("name", CLOSED_LOOPS)
-def test_every_scenario_runs_and_keeps_its_constraints(name):
+def test_every_closed_loop_says_what_it_is_runs_and_keeps_its_constraints(name):
     """For ten seconds, from its first six starts, up to its own tolerance."""
     scenario = load_scenario(name, ["run.horizon=10"], runs=6)
+    assert says_what_it_is(scenario)
     result = scenario.run()
     data = result.dataset
     assert data.sizes["run"] == 6
@@ -70,6 +72,7 @@ def wrapped(angles):
     return (angles + np.pi) % (2 * np.pi) - np.pi
 
 
+@pytest.mark.thesis
 def test_blending_reports_the_true_fraction_of_viable_starts():
     """203 starts at 5 N: the corrected blending keeps at least 197 and brings 93 % to the goal.
 
@@ -256,6 +259,7 @@ def test_runs_takes_the_given_states_first():
 CHAPTERS_2_AND_4 = [n for n in scenario_names() if n.startswith(("ch2-", "ch4-"))]
 
 
+@pytest.mark.thesis
 @pytest.mark.parametrize("name", CHAPTERS_2_AND_4)
 def test_steering_scenario_brings_every_start_to_the_origin(name):
     """500 random starts and the given ones; none leaves the region where its law is regular."""
@@ -265,6 +269,7 @@ def test_steering_scenario_brings_every_start_to_the_origin(name):
     assert result.outcomes["left region"] == result.outcomes["diverged"] == 0
 
 
+@pytest.mark.thesis
 @pytest.mark.parametrize("name", ["ch3-known-current", "ch3-unknown-current"])
 def test_station_is_held_in_the_current_from_every_start(name):
     result = load_scenario(name).run()
@@ -272,13 +277,14 @@ def test_station_is_held_in_the_current_from_every_start(name):
     assert result.success_fraction == 1.0
 
 
-@pytest.mark.parametrize("n", [3, 4, 6, 8])
+@pytest.mark.parametrize("n", [4, *(pytest.param(n, marks=pytest.mark.heavy) for n in (3, 6, 8))])
 def test_chained_form_of_any_dimension_is_one_override_away(n):
     result = load_scenario("ch4-chained-n", [f"system.n={n}"], runs=50).run()
     assert result.dataset.sizes["state_name"] == n
     assert result.success_fraction == 1.0
 
 
+@pytest.mark.heavy
 def test_chained_form_of_ten_states_needs_a_large_x1_and_steps_of_a_millisecond():
     far = [f"law.{k}" for k in ("threshold=10", "escape_speed=5", "escape_time=4")]
     changes = ["system.n=10", "run.sample_time=0.001", *far]

@@ -97,10 +97,12 @@ def kept_on_the_lane(value):
     return found.inside[0].kept.count, found.outside.kept.count
 
 
+@pytest.mark.heavy
 def test_law_is_kept_on_the_lane_by_a_kernel_that_errs_inwards():
     assert kept_on_the_lane(kernel(31, scheme="upwind")) == (60, 0)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("nodes", [31, pytest.param(61, marks=pytest.mark.heavy)])
 def test_kernel_of_high_order_keeps_the_law_on_the_lane(nodes):
     assert kept_on_the_lane(kernel(nodes)) == (60, 0)

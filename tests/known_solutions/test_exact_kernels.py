@@ -68,8 +68,8 @@ def test_population_of_aubin_converges_to_its_kernel():
     [
         ("upwind", (-4.0, -2.0, -0.97)),
         ("eno2", (-0.86, -0.34, -0.13)),
-        ("eno3", (-0.55, -0.20, -0.068)),
-        ("weno5", (-0.46, -0.16, -0.054)),
+        pytest.param("eno3", (-0.55, -0.20, -0.068), marks=pytest.mark.heavy),
+        pytest.param("weno5", (-0.46, -0.16, -0.054), marks=pytest.mark.heavy),
     ],
 )
 def test_braking_before_two_walls_against_a_disturbance(scheme, percent):
@@ -117,7 +117,8 @@ def test_every_dissipation_gives_the_braking_kernel(dissipation):
 @pytest.mark.parametrize(
     ("dimension", "nodes", "scheme", "share"),
     [(1, 41, "weno5", 0.15), (2, 41, "weno5", 0.15), (3, 31, "weno5", 0.5), (4, 17, "weno5", 0.5),
-     pytest.param(5, 11, "weno5", 0.5, marks=pytest.mark.heavy), (6, 9, "weno5", 0.5)],
+     pytest.param(5, 11, "weno5", 0.5, marks=pytest.mark.heavy),
+     pytest.param(6, 9, "weno5", 0.5, marks=pytest.mark.heavy)],
 )  # fmt: skip
 def test_unstable_lines_in_every_dimension(dimension, nodes, scheme, share):
     """The half-widths of the kernel after a second, within a share of a cell."""
@@ -188,6 +189,7 @@ def test_double_integrator_needs_the_least_time_of_athans_and_falb():
     assert order_of(lost)[0] > 1
 
 
+@pytest.mark.heavy
 def test_barrier_of_two_aircraft():
     """Points of the left barrier of air3D in closed form, 51 x 40 x 50 nodes, 2.8 s."""
     problem = aircraft()

@@ -91,11 +91,11 @@ def test_set_that_a_jump_of_the_value_bounds_may_be_too_large():
     [
         (line, 33, 0.064, 0.48),
         (line, 65, 0.0, 0.55),
-        (line, 201, 0.0, 0.86),
+        pytest.param(line, 201, 0.0, 0.86, marks=pytest.mark.heavy),
         (lake, 41, 0.0069, 0.23),
-        (lake, 81, 0.0071, 0.65),
+        pytest.param(lake, 81, 0.0071, 0.65, marks=pytest.mark.heavy),
         (population, 41, 0.006, 0.49),
-        (population, 81, 0.0039, 0.73),
+        pytest.param(population, 81, 0.0039, 0.73, marks=pytest.mark.heavy),
         (cart, 41, 0.0, 0.81),
     ],
 )
@@ -138,14 +138,19 @@ BOX = unstable(hf.Box((-1, -1), (1, 1)), lambda q: np.abs(q).max(axis=1))
     ("problem", "options", "shares"),
     [
         (DISC, {}, {41: 0.53, 81: 0.72}),
-        (DISC, {"scheme": "eno2"}, {41: 0.33, 81: 0.59}),
-        (DISC, {"scheme": "eno3"}, {41: 0.52, 81: 0.58}),
-        (DISC, {"scheme": "upwind"}, {41: 0.52, 81: 0.57, 161: 0.84}),
-        (DISC, {"dissipation": "global"}, {41: 0.52, 81: 0.56}),
         (BOX, {}, {41: 0.44, 81: 0.80}),
-        (BOX, {"scheme": "upwind"}, {41: 0.44, 81: 0.81, 161: 0.83}),
-        pytest.param(DISC, {}, {161: 0.85, 321: 0.92}, marks=pytest.mark.heavy),
-        pytest.param(BOX, {}, {161: 0.88, 321: 0.95}, marks=pytest.mark.heavy),
+        *(
+            pytest.param(*case, marks=pytest.mark.heavy)
+            for case in (
+                (DISC, {"scheme": "eno2"}, {41: 0.33, 81: 0.59}),
+                (DISC, {"scheme": "eno3"}, {41: 0.52, 81: 0.58}),
+                (DISC, {"scheme": "upwind"}, {41: 0.52, 81: 0.57, 161: 0.84}),
+                (DISC, {"dissipation": "global"}, {41: 0.52, 81: 0.56}),
+                (BOX, {"scheme": "upwind"}, {41: 0.44, 81: 0.81, 161: 0.83}),
+                (DISC, {}, {161: 0.85, 321: 0.92}),
+                (BOX, {}, {161: 0.88, 321: 0.95}),
+            )
+        ),
     ],
 )
 def test_inner_set_of_an_unstable_system_tends_to_the_exact_set(problem, options, shares):
@@ -168,6 +173,7 @@ def test_inner_set_of_an_unstable_system_tends_to_the_exact_set(problem, options
         assert (inner & exact).sum() / exact.sum() == pytest.approx(share, abs=0.02)
 
 
+@pytest.mark.heavy
 def test_value_that_does_not_jump_is_not_said_to():
     """On the coarser grid that of the population falls to where it is cut off in four cells."""
     assert not cart(41)[0].report.jumps
@@ -177,8 +183,16 @@ def test_value_that_does_not_jump_is_not_said_to():
 
 @pytest.mark.parametrize(
     ("dissipation", "nodes", "share"),
-    [("local", 81, 0.91), ("local", 161, 0.91), ("local", 321, 0.94),
-     ("global", 41, 0.0), ("global", 81, 0.0), ("global", 321, 0.90)],
+    [
+        ("local", 81, 0.91),
+        ("global", 41, 0.0),
+        *(
+            pytest.param(*case, marks=pytest.mark.heavy)
+            for case in (
+                ("local", 161, 0.91), ("local", 321, 0.94), ("global", 81, 0.0), ("global", 321, 0.90)
+            )
+        ),
+    ],
 )  # fmt: skip
 def test_dissipation_that_wears_a_set_away_leaves_none_that_is_too_large(dissipation, nodes, share):
     kernel, states, size = DISC

@@ -82,7 +82,7 @@ EVERY = [(kind, scheme) for kind in KINDS for scheme in SCHEMES]
 def test_no_unit_changes_steps_verdict_or_set(kind, scheme):
     first = solved(kind, scheme)
 
-    @settings(max_examples=8, deadline=None)
+    @settings(max_examples=8)
     @given(POWERS, POWERS, POWERS)
     def rescaled(second, metre, radian):
         same(first, solved(kind, scheme, second, metre, radian), metre)

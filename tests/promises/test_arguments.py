@@ -613,20 +613,13 @@ def close():
     plt.close("all")
 
 
-SLOW = (
-    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "explore", "identify", "largest_certified", "load_scenario",
-    "tune",
-)  # fmt: skip
-"""Functions, and laws below, that derive or simulate much before they refuse."""
+def few_and_all(names):
+    """Every name, with how many kinds of nonsense each argument is given; heavy: all of them."""
+    few = [pytest.param(n, 3, id=n) for n in names]
+    return few + [pytest.param(n, None, marks=pytest.mark.heavy, id=f"{n} all") for n in names]
 
 
-def of_slow(names, slow):
-    """Every name, with how many kinds of nonsense it is given every day; heavy: all of them."""
-    usual = [pytest.param(n, 6 if n in slow else None, id=n) for n in names]
-    return usual + [pytest.param(n, None, marks=pytest.mark.heavy, id=f"{n} all") for n in slow]
-
-
-@pytest.mark.parametrize(("name", "some"), of_slow(FUNCTIONS, SLOW))
+@pytest.mark.parametrize(("name", "some"), few_and_all(FUNCTIONS))
 def test_nonsense_is_refused_by_functions(name, some):
     wrong = attempts(getattr(hf, name), FUNCTIONS[name](), some)
     close()
@@ -639,10 +632,7 @@ def test_nonsense_is_refused_by_definitions(name):
     assert not wrong, "\n".join(wrong)
 
 
-SLOW_LAWS = ("follow_field", "hold_station", "steer_by_chained_form")
-
-
-@pytest.mark.parametrize(("name", "some"), of_slow(CATALOGUE, SLOW_LAWS))
+@pytest.mark.parametrize(("name", "some"), few_and_all(CATALOGUE))
 def test_nonsense_is_refused_by_the_catalogue(name, some):
     function, leading = CATALOGUE[name]
     wrong = attempts(function, entry_arguments(function, leading), some)

@@ -99,7 +99,13 @@ def ahead(craft, speed, time):
     return hf.Law("ahead", craft.states, {n: forces[n] for n in craft.input_names})
 
 
-@pytest.mark.parametrize("name", CORRIDOR)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=[pytest.mark.heavy] * (n not in ("otter", "cybership_ii_full")))
+        for n in CORRIDOR
+    ],
+)
 def test_filter_of_a_coarse_kernel_stops_every_craft_before_a_wall_that_its_controller_hits(name):
     """Of 400 states those deep in the kernel all stay; the controller alone loses 8 to 64 % of them.
 
@@ -139,6 +145,7 @@ def test_filter_of_a_coarse_kernel_stops_every_craft_before_a_wall_that_its_cont
     assert (filtered.viable, alone.viable) == (inside, lone)
 
 
+@pytest.mark.heavy
 def test_model_ship_passes_the_moored_vessel_that_its_law_alone_touches():
     """300 of 300 arrive, with late thrusters; of the law alone 205 keep clear."""
     with_filter = hf.load_scenario("craft-berth").run()

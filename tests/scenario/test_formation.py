@@ -1,8 +1,6 @@
 """Scenarios of a leader and its followers: the numbers of the corridor, and what is refused."""
 
 import json
-import subprocess
-import sys
 import tomllib
 from importlib import resources
 
@@ -17,6 +15,7 @@ from holdfast.maths.catalogue.systems.chain import chain
 from holdfast.maths.formations.chain import joint_law
 from holdfast.planning.corners import Corner, Course, lead_along
 from holdfast.scenario.load import load_scenario
+from tests.command_line import called
 
 QUICK = ["run.sample_time=0.01", "run.record_every=0.1"]
 
@@ -84,6 +83,7 @@ def test_law_of_ones_own_follows_by_range_and_bearing():
     assert scenario.run().outcomes["reached goal"] == 1
 
 
+@pytest.mark.heavy
 def test_rule_of_the_thesis_with_the_exact_circle_is_safe_too():
     """A turn on the spot by 23.8 degrees inwards and more, then a circle of 1.15 to 1.41 m."""
     scenario = load_scenario("ch6-corridor", [*QUICK, "leader.rule=tangent", "leader.radius="])
@@ -109,7 +109,9 @@ WORST = {
 """Of all bearings, ranges, lines of sight, clearances and distances, as docs/formations.md says."""
 
 
-@pytest.mark.parametrize("name", WORST)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.heavy] * (n != "ch6-corridor")) for n in WORST]
+)
 def test_shipped_formations_arrive_with_everyone_in_view(name):
     scenario = load_scenario(name, QUICK)
     result = scenario.run()
@@ -232,10 +234,8 @@ def test_formation_has_one_start_and_one_law():
 
 def test_run_writes_map_constraints_and_animation(tmp_path):
     changes = [*QUICK, "run.horizon=8", "figures.animate=40"]
-    command = [sys.executable, "-m", "holdfast", "run", "ch6-corridor", "--out", str(tmp_path)]
-    done = subprocess.run(
-        command + [x for c in changes for x in ("--set", c)], capture_output=True, text=True
-    )
+    sets = [x for c in changes for x in ("--set", c)]
+    done = called("run", "ch6-corridor", "--out", tmp_path, *sets)
     assert done.returncode == 0, done.stderr
     assert "no wall" not in done.stderr
     assert "bearing1" in done.stdout

@@ -13,7 +13,7 @@ from holdfast.execution import resources
 from holdfast.scenario.files import scenario_names
 from holdfast.scenario.kernel_reference import named_kernel
 from holdfast.scenario.load import load_scenario
-from tests.command_line import holdfast
+from tests.command_line import called
 from tests.scenario_files import CART, PLANT, scenarios_of
 
 
@@ -24,7 +24,8 @@ def cart(tmp_path):
     return str(path)
 
 
-KERNELS = [n for n in scenario_names() if n not in scenarios_of("closed-loop", "formation")]
+OTHERS = scenarios_of("closed-loop", "formation")
+KERNELS = [n for n in scenario_names() if n not in OTHERS]
 
 
 def test_chapter_7_is_there():
@@ -36,7 +37,7 @@ def test_chapter_7_is_there():
 
 def test_kernel_of_a_file_is_marched_tried_and_written(cart, tmp_path):
     out = tmp_path / "out"
-    done = holdfast("run", cart, "--out", str(out))
+    done = called("run", cart, "--out", str(out))
     assert done.returncode == 0
     assert "discriminating kernel of region, for ever" in done.stdout
     assert "200 of 200 stay" in done.stdout
@@ -52,7 +53,7 @@ def test_kernel_of_a_file_is_marched_tried_and_written(cart, tmp_path):
 
 
 def test_set_that_lasts_and_has_not_converged_is_no_answer(cart, tmp_path):
-    done = holdfast(
+    done = called(
         "run", cart, "--out", str(tmp_path / "o"), "--no-figures",
         "--set", "march.horizon=0.5", "--set", "promise.horizon=0.5",
     )  # fmt: skip
@@ -71,7 +72,7 @@ def test_law_of_a_file_is_kept_safe_and_runs_and_seed_are_those_of_the_promise(c
 
 def test_march_is_not_lost_where_its_promise_cannot_be_tried(cart, tmp_path):
     out = tmp_path / "o"
-    done = holdfast("run", cart, "--out", str(out), "--set", "promise.margin=5 m", "--no-figures")
+    done = called("run", cart, "--out", str(out), "--set", "promise.margin=5 m", "--no-figures")
     assert done.returncode == 1
     assert "further inside than 5" in done.stderr
     assert (out / "result.nc").exists()
@@ -177,8 +178,8 @@ def test_kept_kernel_that_was_cut_is_computed_again(cart, tmp_path, monkeypatch)
 
 
 def test_commands_know_the_kinds():
-    assert "ch7-discriminating" in holdfast("list").stdout
-    assert 'kind = "discriminating-kernel"' in holdfast("show", "ch7-discriminating").stdout
+    assert "ch7-discriminating" in called("list").stdout
+    assert 'kind = "discriminating-kernel"' in called("show", "ch7-discriminating").stdout
 
 
 def test_promise_that_falls_short_ends_with_exit_status_1(cart, tmp_path):
@@ -186,7 +187,7 @@ def test_promise_that_falls_short_ends_with_exit_status_1(cart, tmp_path):
     out = tmp_path / "out"
     short = ["promise.margin=0", "promise.sample_time=2", "promise.runs=60", "grid.nodes=41"]
     sets = [part for one in short for part in ("--set", one)]
-    done = holdfast("run", cart, "--out", str(out), "--no-figures", *sets)
+    done = called("run", cart, "--out", str(out), "--no-figures", *sets)
     assert done.returncode == 1
     assert "holdfast: the promise falls short: " in done.stderr
     assert "of 60 starts 0 m inside stay" in done.stderr
@@ -202,7 +203,7 @@ def test_promise_that_falls_short_ends_with_exit_status_1(cart, tmp_path):
 def test_kernel_without_a_promise_in_its_file_is_tried_and_the_result_remembers_it(cart, tmp_path):
     Path(cart).write_text(CART.split("[promise]")[0])
     out = tmp_path / "out"
-    done = holdfast("run", cart, "--out", str(out), "--no-figures")
+    done = called("run", cart, "--out", str(out), "--no-figures")
     assert done.returncode == 0
     assert "within a cell of the edge, as " in done.stdout
     said = json.loads((out / "summary.json").read_text())
@@ -216,7 +217,7 @@ def test_kernel_without_a_promise_in_its_file_is_tried_and_the_result_remembers_
 
 def test_promise_of_no_runs_is_left_out_and_said_to_be(cart, tmp_path):
     more = ("--set", "promise.runs=0", "--no-figures")
-    done = holdfast("run", cart, "--out", str(tmp_path), *more)
+    done = called("run", cart, "--out", str(tmp_path), *more)
     assert done.returncode == 0
     assert "  promise        none: runs = 0" in done.stdout
     assert "promise" not in json.loads((tmp_path / "summary.json").read_text())
@@ -226,7 +227,7 @@ def test_promise_of_no_runs_is_left_out_and_said_to_be(cart, tmp_path):
 def test_promise_of_an_empty_kernel_is_said_to_be_none(cart, tmp_path):
     """Pushed harder than it can brake: the answer is the empty set, and nothing is promised."""
     sets = ["--set", "system.disturbances.d.bounds=[-2, 2]", "--set", "grid.nodes=41"]
-    done = holdfast("run", cart, "--out", str(tmp_path), "--no-figures", *sets)
+    done = called("run", cart, "--out", str(tmp_path), "--no-figures", *sets)
     assert done.returncode == 0
     assert "promise        none: the set is empty" in done.stdout
 

@@ -10,7 +10,7 @@ from holdfast.analysis.decomposition.parts_law import box_of_starts
 from holdfast.errors import ScenarioError
 from holdfast.scenario.load import load_scenario
 from holdfast.studies.catalogue import describe
-from tests.command_line import holdfast
+from tests.command_line import called
 
 LATE = """
 [scenario]
@@ -72,7 +72,7 @@ def test_a_set_put_together_is_marched_tried_and_written(late, tmp_path):
 
 @pytest.mark.heavy
 def test_the_command_writes_figures_too(late, tmp_path):
-    done = holdfast("run", late, "--out", str(tmp_path))
+    done = called("run", late, "--out", str(tmp_path))
     assert done.returncode == 0, done.stderr
     assert {p.name for p in tmp_path.iterdir()} >= {"result.nc", "set_1.png", "summary.json"}
 

@@ -8,7 +8,7 @@ import pytest
 from holdfast.errors import ScenarioError
 from holdfast.scenario.kinds.closed_loop import no_rest, resting_places
 from holdfast.scenario.load import load_scenario
-from tests.command_line import holdfast
+from tests.command_line import called
 
 ALONG = 'varied.draws.direction=["{0} deg", "{0} deg"]'
 
@@ -33,7 +33,7 @@ def test_thrust_that_a_current_exceeds_is_the_reason():
 
 def test_law_stays_in_view_where_no_place_can_be_held_and_the_summary_says_why(tmp_path):
     changes = ["--set", ALONG.format(90), "--set", "run.horizon=20", "--runs", "8", "--no-figures"]
-    answer = holdfast("run", "inspection-current", *changes, "--out", str(tmp_path))
+    answer = called("run", "inspection-current", *changes, "--out", str(tmp_path))
     assert answer.returncode == 0, answer.stdout
     assert answer.stdout.startswith("no place in 'camera_view' can be held")
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -54,21 +54,21 @@ def test_margin_of_every_drawn_direction_falls_to_none_along_the_wall():
 
 
 def test_margin_of_closed_loops_prints_the_place_and_writes_it(tmp_path):
-    answer = holdfast("margin", "ch5-current", "--out", str(tmp_path))
+    answer = called("margin", "ch5-current", "--out", str(tmp_path))
     assert answer.returncode == 0, answer.stdout
     assert "a current of 0.05 m/s along 180 degrees" in answer.stdout
     (place,) = json.loads((tmp_path / "rest.json").read_text())["places"]
     assert place["exists"]
     assert place["state"]["u"] == pytest.approx(0.05, abs=1e-6)
     wall = ["--set", ALONG.format(90)]
-    lost = holdfast("margin", "inspection-current", *wall, "--out", str(tmp_path))
+    lost = called("margin", "inspection-current", *wall, "--out", str(tmp_path))
     assert lost.returncode == 1
     assert "on the edge of the region" in lost.stdout
 
 
 def test_options_of_a_kernel_are_refused_for_closed_loops(tmp_path):
     asked = ["margin", "inspection-current", "--between", "0", "1", "--out", str(tmp_path)]
-    answer = holdfast(*asked)
+    answer = called(*asked)
     assert answer.returncode != 0
     assert "does not compute a kernel" in answer.stderr
 

@@ -12,9 +12,10 @@ from holdfast.errors import ScenarioError
 from holdfast.scenario.files import read_tables
 from holdfast.studies.certification import certified, write_certificate
 from holdfast_check.checker import check
-from tests.command_line import called, holdfast
+from tests.command_line import called
 
 
+@pytest.mark.heavy
 def test_shipped_target_is_kept_in_view_for_ever_from_all_but_eight_cells(tmp_path):
     """Every cell is checked by the other program."""
     found = certified("seen-target")
@@ -51,7 +52,7 @@ def test_camera_in_the_plane_is_certified_for_a_while(tmp_path):
 
 
 def test_command_writes_a_certificate_and_the_other_one_checks_it(tmp_path):
-    answer = holdfast("certify", "seen-target", "--cells", "31", "--out", "c", cwd=tmp_path)
+    answer = called("certify", "seen-target", "--cells", "31", "--out", "c", cwd=tmp_path)
     assert answer.returncode == 0, answer.stderr
     assert "for ever" in answer.stdout
     assert "holdfast-check c/certificate.holdfast" in answer.stdout
@@ -111,6 +112,7 @@ def test_cart_in_four_states_is_certified_for_ever(tmp_path):
     assert check(str(found.write(tmp_path / "c.holdfast")), share=200 / len(found.kept.members))
 
 
+@pytest.mark.heavy
 def test_errors_and_a_delay_cost_cells_of_the_view(tmp_path):
     given = ["--error", "left=0.01", "--delay", "0.02", "--out", str(tmp_path), "--no-figures"]
     answer = called("certify", "seen-target", *given)
@@ -119,6 +121,7 @@ def test_errors_and_a_delay_cost_cells_of_the_view(tmp_path):
     assert "late           inputs, by up to 0.02 s" in answer.stdout
 
 
+@pytest.mark.heavy
 def test_capture_basin_is_certified_to_its_goal(tmp_path):
     given = ["--cells", "31", "--sample-time", "0.3", "--out", str(tmp_path), "--no-figures"]
     answer = called("certify", "ch7-capture-basin", *given)
@@ -142,18 +145,19 @@ def test_errors_and_delays_that_are_none_are_refused(given, said, tmp_path):
 
 def test_command_tries_the_cells_of_a_kernel(tmp_path):
     """The view is certified from the file of its kernel, as from the whole region."""
-    solved = holdfast(
-        "run", "seen-target", "--set", "grid.nodes=31", "--out", "k", "--no-figures", cwd=tmp_path
-    )
+    solved = called(
+        "run", "seen-target", "--set", "grid.nodes=15", "--set", "promise.runs=10", "--out", "k",
+        "--no-figures", cwd=tmp_path,
+    )  # fmt: skip
     assert solved.returncode in (0, 1), solved.stderr
-    of = ("certify", "seen-target", "--cells", "31", "--no-figures")
+    of = ("certify", "seen-target", "--cells", "15", "--no-figures")
     shares = []
     for name, more in (("a", ()), ("b", ("--kernel", "k/result.nc"))):
-        answer = holdfast(*of, *more, "--out", name, cwd=tmp_path)
+        answer = called(*of, *more, "--out", name, cwd=tmp_path)
         assert answer.returncode == 0, answer.stderr
         shares.append(json.loads((tmp_path / name / "certificate.json").read_text())["share"])
     assert shares[1] == pytest.approx(shares[0], abs=0.01)
-    answer = holdfast(*of, "--margin", "0.1", "--out", "c", cwd=tmp_path)
+    answer = called(*of, "--margin", "0.1", "--out", "c", cwd=tmp_path)
     assert answer.returncode == 2
     assert "--margin without --kernel" in answer.stderr
 
@@ -185,9 +189,9 @@ horizon = 3
 def test_command_says_outside_of_which_cells_nothing_is_reached(tmp_path):
     """x' = -x + a comes to 0.955 in 3 s: the outer set goes on beyond it, the set of a grid not."""
     (tmp_path / "lag.toml").write_text(LAG, "utf-8")
-    solved = holdfast("run", "lag.toml", "--out", "k", "--no-figures", cwd=tmp_path)
+    solved = called("run", "lag.toml", "--out", "k", "--no-figures", cwd=tmp_path)
     assert solved.returncode == 0, solved.stderr
-    answer = holdfast("certify", "lag.toml", "--outer", "k/result.nc", "--out", "o", cwd=tmp_path)
+    answer = called("certify", "lag.toml", "--outer", "k/result.nc", "--out", "o", cwd=tmp_path)
     assert answer.returncode == 0, answer.stderr
     assert "outer set of a forward reachable set" in answer.stdout
     assert "files in o: outer.nc, outer.json, outer.png" in answer.stdout
@@ -201,17 +205,19 @@ def test_command_says_outside_of_which_cells_nothing_is_reached(tmp_path):
 
 
 def test_command_says_which_states_of_a_kernel_are_lost_and_the_checker_agrees(tmp_path):
-    of = ("ferry-banks", "--set", "grid.nodes=41")
-    solved = holdfast("run", *of, "--out", "k", "--no-figures", cwd=tmp_path)
+    of = ("ferry-banks", "--set", "grid.nodes=21")
+    solved = called(
+        "run", *of, "--set", "promise.runs=10", "--out", "k", "--no-figures", cwd=tmp_path
+    )
     assert solved.returncode in (0, 1), solved.stderr
-    answer = holdfast(
+    answer = called(
         "certify", *of, "--outer", "k/result.nc", "--sample-time", "0.9", "--out", "o",
         "--no-figures", cwd=tmp_path,
     )  # fmt: skip
     assert answer.returncode == 0, answer.stderr
     assert "drives it out of that" in answer.stdout
     assert "check it: holdfast-check o/lost.holdfast" in answer.stdout
-    assert "reach the target" in check(str(tmp_path / "o/lost.holdfast"), share=0.05)
+    assert "reach the target" in check(str(tmp_path / "o/lost.holdfast"))
 
 
 @pytest.mark.parametrize(
@@ -229,7 +235,7 @@ def test_command_says_which_states_of_a_kernel_are_lost_and_the_checker_agrees(t
     ],
 )
 def test_outer_sets_that_are_none_are_refused_in_a_line(given, said, tmp_path):
-    answer = holdfast("certify", *given, "--out", "o", cwd=tmp_path)
+    answer = called("certify", *given, "--out", "o", cwd=tmp_path)
     assert answer.returncode == 2
     assert said in answer.stderr
     assert answer.stderr.strip().count("\n") == 0

@@ -17,7 +17,12 @@ from tests.command_line import called
 
 
 @pytest.mark.parametrize(
-    ("scenario", "cells"), [("held-station", 7455), ("ferry-banks", 19597), ("leader-gains", 40200)]
+    ("scenario", "cells"),
+    [
+        ("ferry-banks", 19597),
+        pytest.param("held-station", 7455, marks=pytest.mark.heavy),
+        pytest.param("leader-gains", 40200, marks=pytest.mark.heavy),
+    ],
 )
 def test_scenario_proves_what_the_page_says_without_options(scenario, cells):
     assert len(certified(scenario).kept.members) == cells
@@ -30,6 +35,7 @@ def advised(answer):
     return [(shlex.split(m[1]), float(m[2])) for m in found if m]
 
 
+@pytest.mark.heavy
 def test_number_that_helps_is_named_and_helps(tmp_path):
     asked = ("certify", "held-station", "--no-figures", "--out", tmp_path)
     answer = called(*asked, "--set", "certificate.sample_time=0.1")
@@ -43,6 +49,7 @@ def test_number_that_helps_is_named_and_helps(tmp_path):
     assert "what helps" not in better.stdout
 
 
+@pytest.mark.heavy
 def test_no_cell_leaves_no_certificate_and_says_what_helps(tmp_path):
     asked = ("certify", "ferry-banks", "--cells", "81", "--no-figures", "--out", tmp_path)
     assert called(*asked).returncode == 0

@@ -1,19 +1,17 @@
 """`holdfast explain`: the whole derivation, for the catalogue and for a user's TOML file."""
 
 import re
-import subprocess
-import sys
 
 import pytest
 
 import holdfast as hf
 from holdfast.maths.catalogue.signature import example
 from holdfast.scenario.files import load_system
+from tests.command_line import called
 
 
-def run(*arguments, cwd=None):
-    command = [sys.executable, "-m", "holdfast", "explain", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd)
+def run(*arguments, cwd="."):
+    return called("explain", *arguments, cwd=cwd)
 
 
 SYSTEMS = [
@@ -23,9 +21,19 @@ SYSTEMS = [
 ]
 
 
+EXPLAINED = {}
+
+
+def explained(system):
+    """The derivation of one of these systems, which is made once."""
+    if id(system) not in EXPLAINED:
+        EXPLAINED[id(system)] = hf.explain(system)
+    return EXPLAINED[id(system)]
+
+
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda s: s.description)
 def test_every_system_of_the_catalogue_is_explained_in_nine_steps(system):
-    derived = hf.explain(system)
+    derived = explained(system)
     text, latex, page = derived.text(), derived.latex(), derived.markdown()
     assert derived.steps[0].title == "The constraint"
     assert text.count("\n") > 50
@@ -59,7 +67,7 @@ def test_advice_names_a_law_that_can_be_used(system, advice):
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda s: s.description)
 def test_laws_that_are_named_can_be_simulated(system):
-    text = " ".join(hf.explain(system).text().split())
+    text = " ".join(explained(system).text().split())
     listed = re.search(r"made for this system: ([\w, ]+)\.", text)
     named = re.findall(r"Use the law `(\w+)`", text) + (listed[1].split(", ") if listed else [])
     for name in named:

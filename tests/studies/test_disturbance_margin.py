@@ -11,7 +11,7 @@ import holdfast as hf
 from holdfast.analysis.reachability.solve import Answer, Tried, search
 from holdfast.errors import ScenarioError, SimulationError
 from holdfast.presentation.studies.margin import margin_text
-from tests.command_line import holdfast
+from tests.command_line import called
 from tests.scenario_files import LINE
 
 CART = """
@@ -268,7 +268,7 @@ def test_what_cannot_be_searched_is_refused_with_the_reason(name, options, compl
 
 
 def test_command_writes_the_trials_and_the_figure(tmp_path):
-    answer = holdfast(
+    answer = called(
         "margin", "ch7-any-current", "--set", "grid.nodes=21", "--tolerance", "0.02",
         "--keep", "x=-0.8,psi=0", cwd=tmp_path,
     )  # fmt: skip
@@ -285,11 +285,11 @@ def test_command_writes_the_trials_and_the_figure(tmp_path):
 
 def test_command_exits_1_where_no_limit_is_found(tmp_path, cart):
     arguments = ("margin", cart, "--of", PUSH, "--no-figures", "--out", str(tmp_path / "out"))
-    answer = holdfast(*arguments, "--between", "1.5", "2")
+    answer = called(*arguments, "--between", "1.5", "2")
     assert answer.returncode == 1
     assert "none found: 1.5 m/s^2 is empty already" in answer.stdout
     assert "look elsewhere with --between" in answer.stderr
-    answer = holdfast(*arguments, "--keep", "x")
+    answer = called(*arguments, "--keep", "x")
     assert answer.returncode == 2
     assert "expected a state, such as x=-0.8" in answer.stderr
 

@@ -52,10 +52,15 @@ PADDED = """(() => {{
     ("name", "overrides"),
     [
         ("inspection", ("run.horizon=20",)),  # modes, a safeguard, 200 random starts
-        ("inspection-current", ("run.horizon=10",)),  # an observer, a current of any direction
         ("ch3-noise", ("run.horizon=10", "run.seed=9007199254740993")),  # no double has this seed
-        ("ch5-any-current", ("run.delay=0.1", "run.horizon=10")),  # a vehicle that differs
         ("ch6-corridor", ()),  # a formation among walls
+        *(
+            pytest.param(*case, marks=pytest.mark.heavy)
+            for case in (
+                ("inspection-current", ("run.horizon=10",)),  # an observer, any current
+                ("ch5-any-current", ("run.delay=0.1", "run.horizon=10")),  # another vehicle
+            )
+        ),
     ],
 )
 def test_every_sample_of_200_runs_is_that_of_simulate(chromium, written, name, overrides):
@@ -195,7 +200,7 @@ def test_every_robot_of_a_formation_is_dragged(chromium, written):
 
 
 def test_the_first_picture_has_all_starts_in_view(chromium, written):
-    with opened(chromium, written("inspection")) as page:
+    with opened(chromium, written("inspection", *SHORT)) as page:
         box = page.page.evaluate("JSON.stringify(plane.box)")
         page.page.wait_for_selector("#outcomes li")
         page.page.wait_for_timeout(200)
@@ -217,7 +222,7 @@ def test_angles_are_read_in_degrees_and_kept_in_radians(chromium, written):
 
 
 def test_a_page_prints_the_picture_the_status_and_the_numbers_on_white(chromium, written):
-    with opened(chromium, written("inspection"), color_scheme="dark") as page:
+    with opened(chromium, written("inspection", *SHORT), color_scheme="dark") as page:
         assert page.page.evaluate("page.colours().page") != "#ffffff"
         page.page.emulate_media(media="print")
         page.until("page.colours().page === '#ffffff'")
@@ -237,7 +242,7 @@ NAMED = {
 
 
 def test_every_control_has_a_name_for_a_screen_reader(chromium, written):
-    with opened(chromium, written("inspection")) as page:
+    with opened(chromium, written("inspection", *SHORT)) as page:
         page.page.evaluate(
             "document.querySelectorAll('details').forEach((d) => { d.open = true; })"
         )
@@ -448,6 +453,7 @@ def test_a_number_outside_its_limits_is_refused_and_the_page_goes_on(chromium, w
         assert "reached the goal" in page.page.inner_text("#status")
 
 
+@pytest.mark.heavy
 def test_a_capture_basin_ends_at_its_goal_as_its_promise_does(chromium, written):
     with opened(chromium, written("ch7-capture-basin", "grid.nodes=31", "march.times=5")) as page:
         page.until("page.fanSeconds !== null")

@@ -19,7 +19,7 @@ from holdfast.studies.identification import (
     write_identified,
 )
 from tests.boats import boat_log, vehicle_log
-from tests.command_line import called, holdfast
+from tests.command_line import called
 
 
 def as_csv(log, path):
@@ -175,7 +175,7 @@ def test_command_goes_from_a_log_to_a_scenario_and_fails_on_a_log_beyond_the_bou
     as_csv(second, tmp_path / "second.csv")
     (tmp_path / "pier.toml").write_text(SCENARIO)
     arguments = ["log.csv", "--system", "pier.toml", "--held-out", "second.csv", "--hold", "mass"]
-    answer = holdfast("identify", *arguments, "--no-figures", cwd=tmp_path)
+    answer = called("identify", *arguments, "--no-figures", cwd=tmp_path)
     assert answer.returncode == (1 if swell else 0), answer.stderr
     assert ("NOT within the bound" in answer.stderr) == bool(swell)
     told = json.loads((tmp_path / "runs" / "log" / "identification.json").read_text())

@@ -16,7 +16,7 @@ from holdfast.presentation.studies.comparison import comparison_text
 from holdfast.scenario.kernel_reference import named_kernel
 from holdfast.scenario.load import load_scenario
 from holdfast.studies.comparison import Judge, variant
-from tests.command_line import holdfast
+from tests.command_line import called
 
 CART = """
 [system]
@@ -169,7 +169,7 @@ def test_figure_marks_the_starts_that_can_be_kept(found):
 
 
 def test_numbers_of_the_judgement_are_in_the_file(files, tmp_path):
-    done = holdfast(
+    done = called(
         "compare", files[1], "--runs", "20", "--out", str(tmp_path), "--cases", "weak",
         "--no-figures",
     )  # fmt: skip

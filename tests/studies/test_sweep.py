@@ -375,7 +375,7 @@ def rows(folder):
 
 
 @pytest.mark.parametrize(
-    "how", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.heavy)]
+    "how", [pytest.param(how, marks=pytest.mark.heavy) for how in (signal.SIGKILL, signal.SIGINT)]
 )
 def test_killed_it_goes_on_where_it_was(cart, tmp_path, how):
     process = begun(cart, tmp_path, "--workers", "1")
@@ -447,6 +447,7 @@ def test_a_full_disk_is_told_and_what_is_there_stays(tmp_path):
 # -- on a cluster
 
 
+@pytest.mark.heavy
 def test_on_a_cluster_the_same_bit_for_bit_though_a_worker_is_killed(cart, here, tmp_path):
     """Three worker processes; one is killed in the midst, with what it was doing."""
     distributed = pytest.importorskip("distributed")
@@ -551,6 +552,7 @@ print(done, max(held[:20]), max(held[20:]))
 """
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="asks Linux for its memory")
 def test_a_million_runs_in_one_process_take_no_more_memory(cart):
     answer = subprocess.run(

@@ -16,7 +16,7 @@ from holdfast.presentation.studies.tuning import tuning_table, tuning_text
 from holdfast.scenario.files import edited_text, read_tables, scenario_names
 from holdfast.scenario.load import load_scenario
 from holdfast.studies.write_results import write_tuning
-from tests.command_line import FAST, holdfast
+from tests.command_line import FAST, called
 
 FEW, MORE = {"candidates": 40, "runs": 4}, {"candidates": 120, "runs": 4}
 
@@ -247,11 +247,11 @@ def _with_vehicle(folder):
 
 def test_command_tunes_and_what_it_writes_runs(tmp_path):
     asked = ["--candidates", "10", "--runs", "2", "--gain", "k2=0.5:1", "--no-figures"]
-    done = holdfast("tune", "ch4-integrator", *asked, "--out", str(tmp_path))
+    done = called("tune", "ch4-integrator", *asked, "--out", str(tmp_path))
     assert done.returncode == 0, done.stderr
     assert "best for time; conditions met with a margin of 10 % at 1 corner" in done.stdout
     assert done.stderr == ""
-    again = holdfast("run", str(tmp_path / "tuned.toml"), *FAST, "--out", str(tmp_path / "run"))
+    again = called("run", str(tmp_path / "tuned.toml"), *FAST, "--out", str(tmp_path / "run"))
     assert again.returncode == 0, again.stderr
 
 
@@ -269,7 +269,7 @@ def test_command_tunes_and_what_it_writes_runs(tmp_path):
     ],
 )
 def test_command_refuses_with_one_line(tmp_path, asked, says):
-    done = holdfast("tune", "ch4-integrator", *asked, "--out", str(tmp_path / "none"))
+    done = called("tune", "ch4-integrator", *asked, "--out", str(tmp_path / "none"))
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(says)
     assert len(done.stderr.splitlines()) == 1

@@ -154,6 +154,7 @@ def test_no_gain_brings_output_h_to_the_right_heading(unicycle, k):
     assert abs(heading[0]) > np.pi - 0.05
 
 
+@pytest.mark.smoke
 def test_output_angle_arrives_with_the_wanted_heading(unicycle):
     """The same start: t = 13.592 s, theta = -0.00331, max |u2| = 4.802."""
     law = hf.laws.align_unicycle(unicycle, output="angle", travel="forward", freeze=ARRIVED)
@@ -259,6 +260,7 @@ def following(integrator):
     return hf.laws.follow_integrator(integrator, input_limit=1e9)
 
 
+@pytest.mark.smoke
 def test_2_21_makes_h_and_x1_decay_exactly_and_converges(integrator, following):
     """From (1, .5, 1), k = 3, k1 = 1: (6.144e-6, -1.444e-4, 3.775e-11) at 12 s, max |u2| = 2.5."""
     data = solved(integrator, following, [1, 0.5, 1], 12.0)
@@ -288,6 +290,7 @@ def test_2_21_converges_only_for_k_above_twice_k1(integrator, following, k, x2_a
     assert q[:, 2] / q[:, 0] == pytest.approx(np.exp(-(k - 2) * t), rel=1e-7)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("k", [1.5, 2.0])
 def test_follow_integrator_refuses_k_not_above_twice_k1(integrator, k):
     with pytest.raises(DefinitionError, match=r"expected k > 2 k1"):

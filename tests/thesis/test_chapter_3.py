@@ -72,6 +72,7 @@ def test_second_term_of_3_5a_is_the_feedforward():
     assert np.array_equal(left, np.sign(v[:, 0]))
 
 
+@pytest.mark.smoke
 def test_known_current_is_held_as_measured(system):
     """k = (1.5, 5, 1.5, 5, 5), r1 = r0 = 0.1: in at 2.79 s, tail 0.1065 m, 76 switches, peaks
     2.345 m/s and 13.55 rad/s."""
@@ -165,6 +166,7 @@ def test_least_radius_for_a_gain(k1, expected):
     )
 
 
+@pytest.mark.smoke
 def test_limits_of_station_keeping_are_found_together():
     """Gains of Fig. 3.6 and a ball of 10 cm: from which k1 on, which ball, how fast to sample."""
     found = hf.station_keeping_limits(0.2236, lam=3.0, k1=1.5, r0=0.1, k2=5.0)
@@ -236,6 +238,7 @@ def reading(law, u, **values):
     return replace(law, modes=modes)
 
 
+@pytest.mark.smoke
 def test_unknown_current_is_held_with_an_exit_radius(system):
     """r1 = 0.15: in at 1.40 s, tail 0.1500, 148 switches in 60 s; 200 of 200 starts."""
     data = run(system, blind(system), [[-1, -1, 0]], ts=2e-4, record_every=0.01, disturbance=TRUE)
@@ -296,6 +299,7 @@ def test_literal_readings_come_to_rest_outside_the_ball(system, share, radius):
     assert np.median(stuck) == pytest.approx(radius * SPEED / 1.5, rel=0.03)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
@@ -310,6 +314,7 @@ def test_parameters_that_cannot_hold_are_refused(system, changes, complaint):
         hf.laws.hold_station(system, **changes)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [

@@ -49,6 +49,7 @@ def test_unicycle_converges_as_measured(unicycle, lam, start, reference, below_1
     assert data["peak_input"].values[0] == pytest.approx(peak, rel=1e-3)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("lam", [2.0, 3.0])
 def test_position_and_heading_converge_at_the_rates_of_the_field(unicycle, lam):
     """rho at k1, y at k1 lambda / (lambda - 1), theta at k1 / (lambda - 1): for lambda = 3 the
@@ -233,6 +234,7 @@ def test_unicycle_at_the_origin_turns_in_place_to_the_wanted_heading(unicycle):
     assert q[1, :, 2] == pytest.approx(-3.0 * np.exp(-4 * t), rel=1e-8)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("lam", [1.0, 0.5])
 def test_steer_unicycle_refuses_a_field_whose_lines_are_no_rose(unicycle, lam):
     with pytest.raises(DefinitionError, match=f"parameter 'lam' is {lam:g}; expected above 1"):
@@ -247,6 +249,7 @@ def integrator():
     return hf.systems.nonholonomic_integrator()
 
 
+@pytest.mark.smoke
 def test_laws_4_17_to_4_20_are_exact(integrator):
     """h by (4.17); x3' = -k1 x3 and Vdot = -k2 (x1^2 + x2^2) - k1 x3^2 under (4.19), (4.20)."""
     x1, x2, x3, k1, k2 = (hf.symbol(n) for n in ("x1", "x2", "x3", "k1", "k2"))
@@ -339,6 +342,7 @@ def test_inputs_of_the_integrator_grow_unless_k1_exceeds_k2(integrator, steering
     assert np.hypot(*data["input"].values[0, -1]) == pytest.approx(size, rel=2e-3)
 
 
+@pytest.mark.smoke
 def test_steer_integrator_refuses_k1_not_above_k2(integrator):
     with pytest.raises(DefinitionError, match=r"k1 = 1, k2 = 1.*expected k1 > k2"):
         hf.laws.steer_integrator(integrator, k1=1.0, k2=1.0)
@@ -516,6 +520,7 @@ def test_chained_form_converges_under_a_held_input(n, hold):
 # -- refusals
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     ("law", "system"),
     [

@@ -67,6 +67,7 @@ def test_convergent_law_reaches_the_pose_but_leaves_the_view(scenario, convergen
     assert states[-1, :3] == pytest.approx([-0.5, 0, 0], abs=2e-3)
 
 
+@pytest.mark.smoke
 def test_redesigned_law_keeps_the_view_from_the_start_where_the_convergent_one_loses_it(scenario):
     data = simulated(scenario, EXITS)
     assert data["worst_constraint"].values.max() < 0

@@ -76,6 +76,7 @@ def wrap_argument(expression):
     return found.args[0]
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("measured", [True, False])
 def test_tracked_forces_are_those_of_5_36_and_5_37(vehicle, measured):
     """With the sway's own rate in grad(gamma_2), which (5.37b) leaves out (E8)."""
@@ -226,6 +227,7 @@ def test_redesign_in_a_current_blends_velocities_relative_to_the_water(vehicle):
 # -- the ultimate bound (5.35) ------------------------------------------------------------------
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     ("speed", "bound"),
     [(0.02, 0.0838), (0.05, 0.2155), (0.10, 0.4888), (0.13, 0.7562), (0.15, 1.1447)],
@@ -271,6 +273,7 @@ def test_vehicle_ends_before_or_behind_the_pose_by_where_it_starts(vehicle):
     assert along == pytest.approx(1, abs=1e-6)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("current", [0.16, 0.2, -0.1, math.nan])
 def test_current_that_the_vehicle_cannot_overcome_has_no_bound(current):
     complaint = "carries away" if current >= K1 else "expected a speed"
@@ -278,6 +281,7 @@ def test_current_that_the_vehicle_cannot_overcome_has_no_bound(current):
         ultimate_bound(K1, MU, current)
 
 
+@pytest.mark.smoke
 def test_gains_without_sense_have_no_bound():
     for k1, mu in ((0.0, 1.5), (0.16, -1.0), (math.inf, 1.0)):
         with pytest.raises(DefinitionError, match="expected a finite number above 0"):

@@ -43,6 +43,7 @@ def seen(distance, bearing, direction):
 # -- the system and the region ----------------------------------------------------------------
 
 
+@pytest.mark.smoke
 def test_relative_kinematics_6_7_follow_from_two_unicycles(pair):
     assert pair.rates["x"] == UF * sp.cos(BETA) - UL + Y * WL
     assert pair.rates["y"] == UF * sp.sin(BETA) - X * WL
@@ -73,6 +74,7 @@ def test_a_pair_that_is_simulated_in_the_world_moves_as_6_7_says(pair):
     assert two == pytest.approx(np.array([x, y, one[5] - theta]), abs=1e-8)
 
 
+@pytest.mark.smoke
 def test_vehicles_that_do_not_move_alike_everywhere_have_no_relative_kinematics():
     follower = hf.systems.unicycle()
     names = {"x": "xL", "y": "yL", "psi": "thetaL", "v": "uL", "r": "wL"}
@@ -156,6 +158,7 @@ def test_no_law_reads_more_than_range_and_bearing(pair, function, turn):
     assert one == pytest.approx(direct.values(np.stack([distance, bearing], axis=1)), abs=1e-12)
 
 
+@pytest.mark.smoke
 def test_a_law_that_reads_more_than_it_says_is_refused():
     with pytest.raises(DefinitionError, match="'beta'"):
         hf.Law("spy", SEEN, {"uF": RANGE, "wF": BETA})
@@ -292,6 +295,7 @@ def test_lower_gain_of_section_6_4_2_loses_the_leader():
         assert found.dataset["outcome"].values[0] == outcome
 
 
+@pytest.mark.smoke
 def test_window_says_when_it_is_empty_and_what_to_change():
     given = {"distance": 1.0, "range_max": 2.5, "half_angle": math.radians(35)}
     empty = hf.visibility_gains(k1=0.2, leader_speed=0.3, **given)
@@ -308,6 +312,7 @@ def test_window_says_when_it_is_empty_and_what_to_change():
     assert "may come as near as" in near.reason
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -460,6 +465,7 @@ def simulated_in(pair, law, region, corners, count, **settings):
     ).dataset  # fmt: skip
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     ("vertices", "message"),
     [
@@ -480,6 +486,7 @@ def test_footprints_that_are_none_are_refused(vertices, message):
         hf.laws.keep_footprint(vertices=vertices)
 
 
+@pytest.mark.smoke
 def test_turn_is_one_of_two():
     for law in (hf.laws.approach_leader, hf.laws.follow_leader):
         with pytest.raises(DefinitionError, match="'bearing' or 'line_of_sight'"):

@@ -82,6 +82,7 @@ def test_hull_in_still_water_never_gains_energy_without_thrust(vehicle):
     assert (rate(u, v, r) <= 1e-12).all()
 
 
+@pytest.mark.smoke
 def test_game_7_4_is_derived_with_sway_and_current_as_disturbances(game):
     assert game.state_names == ("x", "y", "psi")
     assert game.input_names == ("u", "r")
@@ -113,6 +114,7 @@ def test_reduction_7_5_does_not_know_the_heading_unless_7_2_is_taken_as_printed(
     assert four.disturbance_names == ("Vx", "Vy")
 
 
+@pytest.mark.smoke
 def test_members_of_a_ball_are_given_together(game):
     region = hf.regions.camera_and_lasers()
     box = {"x": (-2.6, 0), "y": (-1.6, 1.6), "psi": (-np.pi / 2, np.pi / 2)}

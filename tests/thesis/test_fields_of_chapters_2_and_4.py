@@ -73,6 +73,7 @@ def below_one(lam):
     )
 
 
+@pytest.mark.smoke
 def test_components_are_those_printed_in_the_thesis():
     dipolar = fields.dipolar(lam=3).components
     assert [sp.expand(c.subs(LAM, 3)) for c in dipolar] == [2 * X**2 - Y**2, 3 * X * Y]  # (4.10)
@@ -208,6 +209,7 @@ def test_below_lambda_one_the_origin_is_no_rose_but_two_hyperbolic_sectors(lam):
         assert np.linalg.norm(points, axis=1).min() > 0.05
 
 
+@pytest.mark.smoke
 def test_at_lambda_one_the_zeros_fill_the_axis():
     with pytest.raises(DefinitionError, match="share the factor across"):
         critical_points(below_one(1.0))

@@ -85,6 +85,7 @@ def test_gradient_of_the_metric_is_along_the_field():
     assert sp.simplify(gradient - printed) == sp.zeros(2, 1)
 
 
+@pytest.mark.smoke
 def test_control_4_38_gives_the_rate_4_39_of_the_metric():
     k1, side = sp.symbols("k1 side")  # side = sgn(x)
     system = hf.systems.marine_vehicle()
@@ -325,6 +326,7 @@ def test_bounded_law_docks_only_below_its_gain_limit(vessels, docking, vessel, k
     assert found == pytest.approx(lost, abs=2 if lost else 0)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(("vessel", "k1", "limit"), [("A", 0.5, "0.3999"), ("B", 1.2, "0.9702")])
 def test_dock_marine_refuses_a_gain_above_its_limit(vessels, vessel, k1, limit):
     with pytest.raises(DefinitionError, match=f"k1 = {k1} is not below its limit {limit}") as no:
@@ -368,6 +370,7 @@ def test_bounded_law_docks_with_the_thrusters_it_has(name, hold):
     assert (data["peak_input"].values <= [10, 1 + 1e-12]).all()
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("law", ["dock_marine", "project_marine"])
 def test_marine_law_is_refused_for_another_system(law):
     with pytest.raises(DefinitionError, match=f"{law} needs '.*', which system 'unicycle'"):

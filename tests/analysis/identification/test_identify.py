@@ -46,6 +46,7 @@ def test_fit_of_a_speed_alone_agrees_with_an_independent_fit():
         assert 1.5 * spread[k] < half < 12 * spread[k]
 
 
+@pytest.mark.heavy
 def test_intervals_cover_the_truth_at_their_level():
     inside = total = 0
     for seed in range(12):
@@ -216,6 +217,7 @@ def test_window_with_too_few_values_is_refused():
         hf.identify(boat(*ROUGH), boat_log(), window=1e-9)
 
 
+@pytest.mark.heavy
 def test_fits_from_other_first_guesses_agree_within_their_intervals():
     """Windows are of other lengths, since those follow from the guess."""
     log = boat_log()

@@ -217,7 +217,7 @@ MESSAGES = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(MESSAGES, st.integers(1, 4))
 def test_what_is_live_is_never_lost_whatever_its_age_and_order(far_away, messages, every):
     """Measurements and commands of any age, in any order, between samples of any rate."""
@@ -233,7 +233,7 @@ def test_what_is_live_is_never_lost_whatever_its_age_and_order(far_away, message
         judged(relay, tick / 100, *come)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.integers(0, 24),  # hundredths of a second that measurements are old
     st.integers(0, 24),  # and commands

@@ -65,7 +65,9 @@ def same(one, other):
     return a == b
 
 
-@pytest.mark.parametrize("writes", [2, 3, 30])
+@pytest.mark.parametrize(
+    "writes", [3, *(pytest.param(n, marks=pytest.mark.heavy) for n in (2, 30))]
+)
 def test_march_killed_while_it_writes_ends_at_the_same_numbers(writes, tmp_path):
     """SIGKILL in the middle of a write: the state before is there, and it goes on from it."""
     path = tmp_path / "basin.checkpoint"

@@ -96,7 +96,7 @@ def test_march_converges_once_what_is_left_is_within_its_tolerance(double_integr
 
 
 @pytest.mark.parametrize("scheme", ["upwind", "weno5"])
-@pytest.mark.parametrize("horizon", [0.1, 1.0, 10.0, 100.0])
+@pytest.mark.parametrize("horizon", [0.1, 1.0, 10.0, pytest.param(100.0, marks=pytest.mark.heavy)])
 def test_drift_that_is_small_beside_the_speeds_is_never_at_rest(scheme, horizon):
     """x' = -1 + 0.9999 u: nothing lasts, though in 100 s less than half a cell is lost."""
     found = kernel(horizon, push=0.9999, drift=-1.0, scheme=scheme)
@@ -168,7 +168,7 @@ def test_disturbance_that_is_given_outside_its_bounds_is_refused():
             hf.viability_kernel(system, WALLS, grid, 2.0, disturbance={"d": given})
 
 
-@pytest.mark.parametrize("scheme", ["upwind", "weno5"])
+@pytest.mark.parametrize("scheme", ["upwind", pytest.param("weno5", marks=pytest.mark.heavy)])
 def test_flow_through_a_bottleneck_is_neither_stopped_nor_sped_up_by_what_is_outside(scheme):
     """x' = e + x^2: x = -1 is kept for 97 s with e = 0.001, for 140 s with e = 0.0005, not for ever."""
     square, narrow = hf.Parameter("square", "1/(m s)", value=1.0), DRIFT

@@ -38,7 +38,7 @@ def traced(march, grid, **options):
     return most / (size * grid.nodes), now / (size * grid.nodes)
 
 
-@pytest.mark.parametrize("scheme", ["upwind", "weno5"])
+@pytest.mark.parametrize("scheme", ["upwind", pytest.param("weno5", marks=pytest.mark.heavy)])
 @pytest.mark.parametrize("outside", [False, True], ids=["alone", "with outside"])
 @pytest.mark.parametrize("kind", ["tube", "basin"])
 def test_a_march_takes_the_memory_that_is_said_beforehand(kind, outside, scheme):

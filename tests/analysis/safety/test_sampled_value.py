@@ -96,7 +96,10 @@ def lost(system, value, sample_time, push, lean, foe, seconds, command=1.0):
     return int(out.sum())
 
 
-@pytest.mark.parametrize(("scheme", "push", "lean"), [("weno5", 0.2, 0.2), ("upwind", 0.5, 0.2)])
+@pytest.mark.parametrize(
+    ("scheme", "push", "lean"),
+    [("upwind", 0.5, 0.2), pytest.param("weno5", 0.2, 0.2, marks=pytest.mark.heavy)],
+)
 def test_filter_at_a_ridge_of_v_loses_no_start(scheme, push, lean):
     system, value = leaning(61, scheme, push, lean)
     for sample_time in (0.01, 0.05):
@@ -135,6 +138,7 @@ def test_filter_at_a_ridge_keeps_nearly_all_of_its_kernel(scheme, nodes, least):
         assert above.sum() / (value.at(q) > 0).sum() > least
 
 
+@pytest.mark.heavy
 def test_filter_over_a_kernel_in_single_precision_decides_as_one_in_double():
     """Its table is of another kind, in memory, than that of all other kernels."""
     (system, double), (_, single) = leaning(), leaning(precision="float32")
@@ -148,7 +152,10 @@ def test_filter_over_a_kernel_in_single_precision_decides_as_one_in_double():
     assert lost(system, single, 0.02, 0.2, 0.2, "greedy", 6.0) == 0
 
 
-@pytest.mark.parametrize(("sample_time", "by_slopes"), [(0.01, [162, 36]), (0.05, [161, 33])])
+@pytest.mark.parametrize(
+    ("sample_time", "by_slopes"),
+    [(0.05, [161, 33]), pytest.param(0.01, [162, 36], marks=pytest.mark.heavy)],
+)
 def test_optimal_inputs_keep_a_kernel_with_a_ridge_and_leave_it_by_its_slopes_alone(
     sample_time, by_slopes, monkeypatch
 ):
@@ -209,6 +216,7 @@ def test_margin_without_a_law_and_without_a_game_is_refused():
         hf.safety_law(unstable_line(), held_line(), sample_time=0)
 
 
+@pytest.mark.heavy
 def test_held_inputs_keep_almost_all_of_the_kernel():
     """The share of the nodes, measured: 98.7 to 99.7 % by WENO5 on 81 nodes."""
     for scheme, push in (("weno5", 0.2), ("upwind", 0.5)):
@@ -233,6 +241,7 @@ def test_a_game_that_takes_too_long_is_not_begun_and_the_law_goes_by_slopes():
         hf.SafetyFilter(system, value, ahead=-1)
 
 
+@pytest.mark.heavy
 def test_a_game_in_four_states_is_solved_by_default_and_one_in_six_where_it_may_take_longer():
     for carts, nodes, ahead in ((2, 15, True), (3, 5, 60)):
         system, value = several_carts(carts, nodes)
@@ -328,6 +337,7 @@ def test_input_is_within_its_bounds_where_v_is_flat():
             assert np.abs(found.input).max() <= 1.0
 
 
+@pytest.mark.heavy
 def test_kernel_with_a_band_is_as_good_for_a_filter_as_one_without():
     for options in ({"band": 0.2}, {}):
         system, value = leaning(61, "upwind", 0.2, 0.2, **options)

@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,6 +11,7 @@ import holdfast as hf
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.errors import HoldfastError
 from holdfast.presentation.studies.comparison import comparison_text
+from tests.command_line import called
 
 CART = """
 [scenario]
@@ -164,11 +163,8 @@ def test_a_comparison_needs_a_region():
 
 
 def test_command_writes_the_table_and_the_numbers(cart, tmp_path):
-    answer = subprocess.run(
-        [sys.executable, "-m", "holdfast", "compare", cart, "--runs", "6", "--laws", "unguarded,cart",
-         "--out", str(tmp_path / "out")],
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+    laws = ("--laws", "unguarded,cart")
+    answer = called("compare", cart, "--runs", "6", *laws, "--out", tmp_path / "out")
     assert answer.returncode == 0, answer.stderr
     assert "of 6 starts" in answer.stdout
     names = sorted(p.name for p in (tmp_path / "out").iterdir())

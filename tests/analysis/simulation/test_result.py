@@ -17,6 +17,7 @@ import holdfast as hf
 from holdfast.analysis.simulation.files import atomic_file, write_arrays, write_netcdf
 from holdfast.errors import OutputError
 from holdfast.presentation.text.runs import summary_text
+from tests.command_line import called
 
 
 @pytest.fixture(scope="module")
@@ -311,11 +312,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path, command):
         "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, resource.RLIM_INFINITY))\n"
         "main()"
     )
-    warm = subprocess.run(
-        [sys.executable, "-m", "holdfast", *words, "--no-figures", "--out", str(tmp_path / "warm")],
-        capture_output=True,
-        text=True,
-    )
+    warm = called(*words, "--no-figures", "--out", tmp_path / "warm")
     assert warm.returncode == 0, warm.stderr
     answer = subprocess.run(
         [sys.executable, "-c", code, *words, "--out", str(old.parent)],

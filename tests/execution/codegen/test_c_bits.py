@@ -100,10 +100,7 @@ OBSERVED_SET = (
     "{x='1 mm',y='1 mm',psi='1 mrad',u=0.005,v=0.005,r=0.1}}"
 )
 FOLLOWED_SET = OBSERVED_SET[:-1] + ",rate_bounds={Vx=0.03,Vy=0.02}}"
-SOME = [
-    "ch2-integrator", "ch3-unknown-current", "ch4-chained-4", "ch5-viable-goal-set",
-    "ch6-moving-leader", "inspection", "ch5-rescue", "observed", *MADE,
-]  # fmt: skip
+SOME = ["ch3-unknown-current", "ch5-viable-goal-set", "observed", *MADE]
 SCENARIOS = sorted(
     path.name.removesuffix(".toml")
     for path in files("holdfast.scenarios").iterdir()

@@ -62,7 +62,7 @@ def test_sums_products_and_powers_are_those_of_sympy(expression):
 
 
 @given(st.floats(-30, 30), st.floats(-30, 30))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_conventions_of_the_functions_of_laws(a, b):
     at = np.array([[a, b]])
     assert values(angle(Y, X, 1e-12), at)[0] == pytest.approx(math.atan2(b, a), rel=1e-15)

@@ -1,9 +1,6 @@
 """Chattering as an outcome: when it counts, since when, and what it does not hide."""
 
 import json
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -12,6 +9,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import SimulationError
 from holdfast.maths.expressions.functions import least, magnitude
+from tests.command_line import called
 
 X, U = hf.symbol("x"), hf.symbol("u")
 STEEPNESS, DWELL, REST, UNTIL, GROWTH = (
@@ -309,17 +307,8 @@ record_every = 0.01
 def test_command_line_says_that_a_run_chattered_and_exits_with_one(tmp_path):
     (tmp_path / "sliding.toml").write_text(TEXT)
 
-    def holdfast(*more):
-        return subprocess.run(
-            [sys.executable, "-m", "holdfast", "run", "sliding.toml", "--no-figures", *more],
-            cwd=tmp_path,
-            text=True,
-            capture_output=True,
-            env=os.environ | {"PYTHONWARNINGS": "default"},
-            timeout=120,
-        )
-
-    answer = holdfast("--set", "run.switch_limit=12")
+    run = ("run", "sliding.toml", "--no-figures", "--set")
+    answer = called(*run, "run.switch_limit=12", cwd=tmp_path)
     assert answer.returncode == 1, answer.stderr
     said = "1 run chattered: more than 12 changes of mode within a second"
     assert answer.stderr.count(said) == 1
@@ -331,6 +320,6 @@ def test_command_line_says_that_a_run_chattered_and_exits_with_one(tmp_path):
     times = hf.load(folder / "result.nc").dataset["exit_time"].values
     assert times == pytest.approx([0.112, np.nan], nan_ok=True)
 
-    answer = holdfast("--set", "run.switch_limit=1000")
+    answer = called(*run, "run.switch_limit=1000", cwd=tmp_path)
     assert answer.returncode == 0, answer.stderr
     assert "chattered" not in answer.stdout + answer.stderr

@@ -53,7 +53,7 @@ def grown(children):
     )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.recursive(leaves, grown, max_leaves=8))
 @example("(-(theta if (0.5)**2 > 0.25 else (0.5)**2))")
 def test_parsed_text_has_the_value_that_arithmetic_gives_it(text):
@@ -64,7 +64,7 @@ def test_parsed_text_has_the_value_that_arithmetic_gives_it(text):
     assert value == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.text(max_size=60))
 def test_any_text_is_parsed_or_refused_and_nothing_else_happens(text):
     try:
@@ -75,7 +75,7 @@ def test_any_text_is_parsed_or_refused_and_nothing_else_happens(text):
     assert result.free_symbols <= set(NAMES.values())
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.integers(0, 10**9))
 def test_scrambled_python_is_parsed_or_refused(seed):
     pieces = [

@@ -64,7 +64,7 @@ def combinations(of):
     )
 
 
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=12, derandomize=True)
 @given(
     potential=combinations(terms),
     disguise=combinations(factors),

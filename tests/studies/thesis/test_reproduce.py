@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 from html.parser import HTMLParser
 
 import pytest
@@ -21,6 +19,7 @@ from holdfast.studies.thesis.reproduce import (
     reproduce,
     run_trial,
 )
+from tests.command_line import called
 
 RADIUS = {"distance": 1.0, "width": 1.6, "robot_radius": 0.2}
 
@@ -200,11 +199,7 @@ def test_every_scenario_of_the_thesis_is_in_a_claim():
 
 
 def test_command_refuses_a_chapter_without_claims(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "holdfast", "reproduce", "--chapter", "9", "--out", str(tmp_path)],
-        capture_output=True,
-        text=True,
-    )
+    done = called("reproduce", "--chapter", "9", "--out", tmp_path)
     assert done.returncode == 2
     assert "chapter 9 has no claims" in done.stderr
     assert list(tmp_path.iterdir()) == []

@@ -82,6 +82,7 @@ def test_goal_of_the_law_is_the_equilibrium_or_the_nearest_bearing_allowed(vehic
     assert seen.values(np.array([[-1.0, 0.0, 0.0, 0.009]])) == pytest.approx(0)  # still water
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("scenario", ["inspection-current", SWIFT])
 def test_every_start_with_the_bow_to_the_current_comes_to_rest(scenario):
     """With the stern to it, some drift along the wall instead, downstream of the ray."""
@@ -98,18 +99,24 @@ def test_every_start_with_the_bow_to_the_current_comes_to_rest(scenario):
 @pytest.mark.parametrize(
     ("speed", "horizon", "counts"),
     [
-        (0.02, 150, (598, 542, 556, 535)),
-        (0.02, 300, (598, 560, 556, 548)),
-        (0.05, 150, (600, 570, 556, 556)),
         (0.1, 150, (599, 564, 556, 553)),
-        (0.15, 150, (599, 556, 556, 545)),
-        (0.2, 150, (598, 524, 556, 515)),
+        *(
+            pytest.param(*case, marks=pytest.mark.heavy)
+            for case in (
+                (0.02, 150, (598, 542, 556, 535)),
+                (0.02, 300, (598, 560, 556, 548)),
+                (0.05, 150, (600, 570, 556, 556)),
+                (0.15, 150, (599, 556, 556, 545)),
+                (0.2, 150, (598, 524, 556, 515)),
+            )
+        ),
     ],
 )
 def test_starts_that_come_to_rest_in_a_current_of_any_direction(speed, horizon, counts):
     assert settled(speed, f"run.horizon={horizon}", f"run.record_every={horizon}") == counts
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("speed", "horizon", "counts"),
     [
@@ -126,6 +133,7 @@ def test_starts_that_come_to_rest_in_a_swift_current(speed, horizon, counts):
     assert settled(speed, *changes, scenario=SWIFT) == counts
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("seed", "counts"), [(4, (599, 539, 556, 535)), (5, (595, 542, 557, 538))])
 def test_other_starts_that_come_to_rest_in_a_swift_current(seed, counts):
     """None of them was among those by which the numbers of the law were found (seeds 1 to 3)."""
@@ -133,6 +141,7 @@ def test_other_starts_that_come_to_rest_in_a_swift_current(seed, counts):
     assert settled(0.2, *changes, scenario=SWIFT) == counts
 
 
+@pytest.mark.heavy
 def test_starts_with_a_place_at_least_five_centimetres_inside():
     """Up to 3.5 degrees from the wall; the law goes there up to 7 degrees from it."""
     inside = math.radians(86.5)
@@ -164,31 +173,38 @@ NOISE = 'noise={ normal = { x=0.005, y=0.005, psi="0.5 deg", u=0.01, v=0.01, r=0
 @pytest.mark.parametrize(
     ("speed", "changes", "counts"),
     [
-        (0.05, [STATES], (600, 565, 556, 552)),
         (0.1, [STATES], (600, 565, 556, 554)),
-        (0.2, [STATES], (596, 515, 556, 508)),
-        (0.1, [STATES, NOISE], (599, 255, 556, 253)),
-        (0.05, [POSE], (536, 469, 556, 459)),
-        (0.1, [POSE], (518, 471, 556, 466)),
-        (0.2, [POSE], (377, 298, 556, 296)),
-        (0.1, [POSE, UNIFORM], (523, 129, 556, 129)),
-        (0.05, [SET], (600, 549, 556, 549)),
-        (0.1, [SET], (600, 542, 556, 542)),
-        (0.15, [SET], (588, 529, 556, 529)),
-        (0.2, [SET], (518, 466, 556, 466)),
-        (0.1, [WIDE, UNIFORM], (600, 279, 556, 279)),
-        (0.2, [TIGHT], (556, 519, 556, 510)),
+        *(
+            pytest.param(*case, marks=pytest.mark.heavy)
+            for case in (
+                (0.05, [STATES], (600, 565, 556, 552)),
+                (0.2, [STATES], (596, 515, 556, 508)),
+                (0.1, [STATES, NOISE], (599, 255, 556, 253)),
+                (0.05, [POSE], (536, 469, 556, 459)),
+                (0.1, [POSE], (518, 471, 556, 466)),
+                (0.2, [POSE], (377, 298, 556, 296)),
+                (0.1, [POSE, UNIFORM], (523, 129, 556, 129)),
+                (0.05, [SET], (600, 549, 556, 549)),
+                (0.1, [SET], (600, 542, 556, 542)),
+                (0.15, [SET], (588, 529, 556, 529)),
+                (0.2, [SET], (518, 466, 556, 466)),
+                (0.1, [WIDE, UNIFORM], (600, 279, 556, 279)),
+                (0.2, [TIGHT], (556, 519, 556, 510)),
+            )
+        ),
     ],
 )
 def test_starts_that_come_to_rest_with_an_estimated_current(speed, changes, counts):
     assert settled(speed, *changes, "run.record_every=150") == counts
 
 
+@pytest.mark.heavy
 def test_noise_costs_starts_with_the_numbers_for_a_swift_current():
     found = settled(0.1, STATES, NOISE, "run.record_every=150", scenario=SWIFT)
     assert found == (589, 162, 556, 156)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("speed", "counts"),
     [
@@ -203,11 +219,13 @@ def test_otter_stays_in_view_and_comes_to_rest_from_most_starts(speed, counts):
     assert settled(speed, "run.record_every=300", scenario="otter-current") == counts
 
 
+@pytest.mark.heavy
 def test_otter_comes_to_rest_in_a_slow_current_with_more_time():
     longer = "run.horizon=600", "run.record_every=600"
     assert settled(0.05, *longer, scenario="otter-current") == (600, 559, 556, 548)
 
 
+@pytest.mark.heavy
 def test_long_legs_and_a_heading_that_leads_bring_the_otter_upstream():
     """What is missing has a current along the wall, but for two starts."""
     fast = "varied.draws.speed.range=[0.3, 0.3]"
@@ -220,6 +238,7 @@ def test_long_legs_and_a_heading_that_leads_bring_the_otter_upstream():
     assert settled(0.3, *without, scenario="otter-current") == (599, 387, 556, 379)
 
 
+@pytest.mark.heavy
 def test_starts_that_a_basin_without_sway_excludes_are_those_of_the_record():
     """The basin is `benchmarks/current_basin.py`; what becomes of its starts is simulated here."""
     record = json.loads((ROOT / "benchmarks" / "current_basin.json").read_text("utf-8"))
@@ -247,6 +266,7 @@ def test_starts_that_a_basin_without_sway_excludes_are_those_of_the_record():
     assert (beyond["excluded"], beyond["rest_though_excluded"]) == (20, 19)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("case", "other", "counts"),
     [
