@@ -213,6 +213,44 @@ def drifter() -> System:
     )
 '''
 
+ACTUATOR = '''"""A tunnel thruster: a force across the hull that a fast hull takes away."""
+
+import math
+
+import sympy as sp
+
+from holdfast.maths.definitions.actuator import Actuator, ActuatorKind
+from holdfast.maths.definitions.bounds import Box
+from holdfast.maths.definitions.quantity import Quantity, symbol
+
+
+def tunnel(name, x, limit, fades):
+    """A force to port at x, of which 1 / (1 + (u / fades)^2) remains at the surge u."""
+    share = 1 / (1 + (symbol("u") / fades) ** 2)
+    inputs = (Quantity(name, "N", f"force of {name} at rest"),)
+    return Actuator(inputs, ((sp.S.Zero, share, x * share),), Box((-limit,), (limit,)))
+
+
+TUNNEL = ActuatorKind(
+    "tunnel",
+    {
+        "x": ("m", "place ahead of the origin", -math.inf),
+        "limit": ("N", "largest force at rest", 0.0),
+        "fades": ("m/s", "speed at which half of it is left", 0.0),
+    },
+    optional=(),
+    fixed=("x",),
+    build=tunnel,
+)
+'''
+
+BOAT = """
+[tunnels.bow]
+x = { value = 0.8, unit = "m", source = "drawing" }
+limit = { value = 40, unit = "N", source = "drawing" }
+fades = { value = 1.5, unit = "m/s", source = "sea trial" }
+"""
+
 EXPERIMENT = """
 [scenario]
 title = "a drifter comes home"
@@ -242,6 +280,14 @@ ADDED = {
             "from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle\n",
             "from holdfast.maths.catalogue.systems.drifter import drifter\n"
             "from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle\n",
+        ),
+    },
+    "a kind of actuator of a craft": {
+        "maths/catalogue/actuators/tunnel.py": ACTUATOR,
+        "maths/catalogue/actuators/__init__.py": (
+            "import THRUSTER\n\nALL = (",
+            "import THRUSTER\nfrom holdfast.maths.catalogue.actuators.tunnel import TUNNEL\n\n"
+            "ALL = (TUNNEL, ",
         ),
     },
     "an experiment": {"scenarios/drift.toml": EXPERIMENT},
@@ -316,8 +362,26 @@ start = [[0.0] * 8]
 for name, law in (("free", push), ("filtered", hf.safeguard(vehicle, push, hf.regions.gentle(), gains=(2.0, 8.0)))):
     run = hf.simulate(vehicle, law, starts=start, horizon=0.5, region=gentle).dataset["state"]
     said[name] = float(run.sel(state_name="tau_u").max()) / 5.4
+
+# the kind of actuator: a vehicle file, its force at two speeds, a filter, C, and a run at its limit
+Path("boat.toml").write_text(Path("holdfast/vehicles/otter.toml").read_text() + BOAT)
+boat = hf.load_vehicle("boat.toml")
+said["inputs"] = boat.input_names
+values = {p.symbol: p.value for p in boat.parameters}
+force = boat.rates["v"].diff(hf.symbol("bow"))
+said["shares"] = [float(force.xreplace({**values, hf.symbol("u"): s})) for s in (0.0, 1.5)]
+across = hf.Law("across", (), dict(zip(boat.input_names, (0 * u, 0 * u, 99 + 0 * u), strict=True)))
+data = hf.simulate(boat, across, starts=[[0.0] * 6], horizon=5.0).dataset
+said["across"] = [float(abs(data["input"]).max()), float(data["state"].values[0, -1, 1])]
+bank = hf.Region("bank", boat.states, (hf.Inequality("bank", y - 1, "m"),))
+kept = hf.safeguard(boat, across, bank, gains=(1.0, 2.0))
+run = hf.simulate(boat, kept, starts=[[0.0] * 6], horizon=20.0, region=bank)
+said["kept"] = run.viable
+said["c"] = "bow" in hf.export_c(boat, across, "boat")
 print(json.dumps(said))
 """
+
+USED = f"BOAT = {BOAT!r}\n{USED}"
 
 COUNT = '[scenario]\ntitle = "t"\nkind = "count"\n[count]\na = 1\nb = 2\n'
 
@@ -356,7 +420,7 @@ def test_page_names_as_many_files_as_it_takes(row):
     assert line.rstrip("| ").endswith(f"| {len(ADDED[row])}")
 
 
-def test_scheme_set_vehicle_and_constraint_are_used(package):
+def test_scheme_set_vehicle_constraint_and_actuator_are_used(package):
     done = called(package, "-c", USED)
     assert done.returncode == 0, done.stderr[-2000:]
     said = json.loads(done.stdout.splitlines()[-1])
@@ -370,6 +434,13 @@ def test_scheme_set_vehicle_and_constraint_are_used(package):
     assert len(said["gentle"]) == 6
     assert said["free"] == pytest.approx(4.5 / 5.4, rel=0.01)
     assert 0.3 < said["filtered"] <= 0.5
+    assert said["inputs"] == ["port", "starboard", "bow"]
+    assert said["shares"][1] == pytest.approx(said["shares"][0] / 2)
+    most, way = said["across"]
+    assert most == 40
+    assert way > 0.5
+    assert said["kept"] == 1
+    assert said["c"]
 
 
 def test_system_and_experiment_are_used(package):
