@@ -244,6 +244,48 @@ TUNNEL = ActuatorKind(
 )
 '''
 
+ENCLOSURE = '''"""A box of the differences alone, which turning widens: the shortest enclosure that there is."""
+
+from dataclasses import dataclass
+
+from holdfast.execution.intervals.enclosures.base import Enclosure, times
+
+
+@dataclass(frozen=True)
+class PlainBox(Enclosure):
+    rest: list
+
+    @staticmethod
+    def sizes(states):
+        return 1, 0
+
+    @classmethod
+    def begun(cls, steps, box, center):
+        return cls(box, center, [q - c for q, c in zip(box, center)])
+
+    @classmethod
+    def of(cls, steps, box, nominal, rows):
+        return cls(box, nominal, rows[0])
+
+    def rows(self):
+        return [self.rest], []
+
+    def spread(self, steps):
+        return self.rest
+
+    def hull(self, steps):
+        return [c + q for c, q in zip(self.nominal, self.rest)]
+
+    def after(self, motion):
+        rest = times(motion.carries, self.rest, motion.steps)
+        for more in motion.added:
+            rest = [q + r for q, r in zip(rest, more)]
+        return PlainBox(self.box, motion.nominal, rest)
+
+
+ENCLOSURE = PlainBox
+'''
+
 BOAT = """
 [tunnels.bow]
 x = { value = 0.8, unit = "m", source = "drawing" }
@@ -290,6 +332,7 @@ ADDED = {
             "ALL = (TUNNEL, ",
         ),
     },
+    "an enclosure of certificates": {"execution/intervals/enclosures/plain_box.py": ENCLOSURE},
     "an experiment": {"scenarios/drift.toml": EXPERIMENT},
     "a finite-difference scheme of kernels": {
         "execution/level_set/schemes/plain.py": SCHEME,
@@ -378,6 +421,21 @@ kept = hf.safeguard(boat, across, bank, gains=(1.0, 2.0))
 run = hf.simulate(boat, kept, starts=[[0.0] * 6], horizon=20.0, region=bank)
 said["kept"] = run.viable
 said["c"] = "bow" in hf.export_c(boat, across, "boat")
+
+# the enclosure: what it certifies of a cart is no more than others do, and the checker accepts it
+from holdfast_check.checker import checked
+v = hf.symbol("v")
+line = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))
+cart = hf.System("cart", line, (hf.Quantity("u", "m/s^2"),), {"x": v, "v": -x - v + u},
+                 input_bounds=hf.Box((-1,), (1,)))
+room = hf.Region("room", line, (hf.Inequality("wall", abs(x) - 0.9, "m"),))
+asked = {"box": {"x": (-1.0, 1.0), "v": (-1.5, 1.5)}, "cells": 31, "sample_time": 0.4, "steps": 4}
+shares = {}
+for kind in ("plain_box", "parallelepiped"):
+    certificate = hf.certify(cart, room, enclosure=kind, **asked)
+    shares[kind] = certificate.kept.share
+    checked(str(certificate.write(Path(f"{kind}.certificate"))))
+said["shares of enclosures"] = shares
 print(json.dumps(said))
 """
 
@@ -393,6 +451,7 @@ def package(tmp_path_factory):
     shutil.copytree(
         ROOT / "src" / "holdfast", folder / "holdfast", ignore=shutil.ignore_patterns("__pycache__")
     )
+    shutil.copytree(ROOT / "src" / "holdfast_check", folder / "holdfast_check")
     for files in ADDED.values():
         for name, text in files.items():
             path = folder / "holdfast" / name
@@ -420,7 +479,7 @@ def test_page_names_as_many_files_as_it_takes(row):
     assert line.rstrip("| ").endswith(f"| {len(ADDED[row])}")
 
 
-def test_scheme_set_vehicle_constraint_and_actuator_are_used(package):
+def test_scheme_set_vehicle_constraint_actuator_and_enclosure_are_used(package):
     done = called(package, "-c", USED)
     assert done.returncode == 0, done.stderr[-2000:]
     said = json.loads(done.stdout.splitlines()[-1])
@@ -441,6 +500,8 @@ def test_scheme_set_vehicle_constraint_and_actuator_are_used(package):
     assert way > 0.5
     assert said["kept"] == 1
     assert said["c"]
+    shares = said["shares of enclosures"]
+    assert 0.1 < shares["plain_box"] <= shares["parallelepiped"]
 
 
 def test_system_and_experiment_are_used(package):

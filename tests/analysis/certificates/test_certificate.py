@@ -433,7 +433,7 @@ def test_checker_is_short_enough_to_be_read():
         count += len(
             {k for k, line in enumerate(source.splitlines(), 1) if line.strip()} - explained
         )
-    assert 1900 < count < 2200  # some 550 of them for flowpipes
+    assert 2100 < count < 2300  # some 550 of them for flowpipes
 
 
 def test_angle_that_turns_faster_than_doubles_count_leaves_no_cell_unchecked(tmp_path):

@@ -91,7 +91,8 @@ def actuation(actuators: Sequence[Actuator]) -> Actuation:
         )
     inputs = tuple(q for a in actuators for q in a.inputs)
     surge, sway, yaw = matrix * sp.Matrix([q.symbol for q in inputs])
-    bounds = reduce(product, (a.bounds for a in actuators))
+    sets: list[Bounds | None] = [a.bounds for a in actuators]
+    bounds = reduce(product, sets)
     assert bounds is not None
     return Actuation(inputs, bounds, (surge, sway, yaw), full_rank(sp.ImmutableMatrix(matrix)))
 
