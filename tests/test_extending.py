@@ -229,6 +229,86 @@ def drifter() -> System:
     )
 '''
 
+ACTUATOR = '''"""A tunnel thruster: a force across the hull that a fast hull takes away."""
+
+import math
+
+import sympy as sp
+
+from holdfast.maths.definitions.actuator import Actuator, ActuatorKind
+from holdfast.maths.definitions.bounds import Box
+from holdfast.maths.definitions.quantity import Quantity, symbol
+
+
+def tunnel(name, x, limit, fades):
+    """A force to port at x, of which 1 / (1 + (u / fades)^2) remains at the surge u."""
+    share = 1 / (1 + (symbol("u") / fades) ** 2)
+    inputs = (Quantity(name, "N", f"force of {name} at rest"),)
+    return Actuator(inputs, ((sp.S.Zero, share, x * share),), Box((-limit,), (limit,)))
+
+
+TUNNEL = ActuatorKind(
+    "tunnel",
+    {
+        "x": ("m", "place ahead of the origin", -math.inf),
+        "limit": ("N", "largest force at rest", 0.0),
+        "fades": ("m/s", "speed at which half of it is left", 0.0),
+    },
+    optional=(),
+    fixed=("x",),
+    build=tunnel,
+)
+'''
+
+ENCLOSURE = '''"""A box of the differences alone, which turning widens: the shortest enclosure that there is."""
+
+from dataclasses import dataclass
+
+from holdfast.execution.intervals.enclosures.base import Enclosure, times
+
+
+@dataclass(frozen=True)
+class PlainBox(Enclosure):
+    rest: list
+
+    @staticmethod
+    def sizes(states):
+        return 1, 0
+
+    @classmethod
+    def begun(cls, steps, box, center):
+        return cls(box, center, [q - c for q, c in zip(box, center)])
+
+    @classmethod
+    def of(cls, steps, box, nominal, rows):
+        return cls(box, nominal, rows[0])
+
+    def rows(self):
+        return [self.rest], []
+
+    def spread(self, steps):
+        return self.rest
+
+    def hull(self, steps):
+        return [c + q for c, q in zip(self.nominal, self.rest)]
+
+    def after(self, motion):
+        rest = times(motion.carries, self.rest, motion.steps)
+        for more in motion.added:
+            rest = [q + r for q, r in zip(rest, more)]
+        return PlainBox(self.box, motion.nominal, rest)
+
+
+ENCLOSURE = PlainBox
+'''
+
+BOAT = """
+[tunnels.bow]
+x = { value = 0.8, unit = "m", source = "drawing" }
+limit = { value = 40, unit = "N", source = "drawing" }
+fades = { value = 1.5, unit = "m/s", source = "sea trial" }
+"""
+
 EXPERIMENT = """
 [scenario]
 title = "a drifter comes home"
@@ -260,6 +340,15 @@ ADDED = {
             "from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle\n",
         ),
     },
+    "a kind of actuator of a craft": {
+        "maths/catalogue/actuators/tunnel.py": ACTUATOR,
+        "maths/catalogue/actuators/__init__.py": (
+            "import THRUSTER\n\nALL = (",
+            "import THRUSTER\nfrom holdfast.maths.catalogue.actuators.tunnel import TUNNEL\n\n"
+            "ALL = (TUNNEL, ",
+        ),
+    },
+    "an enclosure of certificates": {"execution/intervals/enclosures/plain_box.py": ENCLOSURE},
     "an experiment": {"scenarios/drift.toml": EXPERIMENT},
     "a finite-difference scheme of kernels": {
         "execution/level_set/schemes/plain.py": SCHEME,
@@ -373,8 +462,40 @@ wind = {"d": hf.parse_expression("gusts(0.2, 0.5)", {})}
 run = hf.simulate(blown, still, starts=np.zeros((500, 2)), horizon=20.0, disturbance=wind).dataset
 felt = run["disturbance"].values[:, :, 0]
 said["gusts"] = [float(felt[:, -1].std()), float((felt[:, 150] * felt[:, 200]).mean() / 0.04)]
+# the kind of actuator: a vehicle file, its force at two speeds, a filter, C, and a run at its limit
+Path("boat.toml").write_text(Path("holdfast/vehicles/otter.toml").read_text() + BOAT)
+boat = hf.load_vehicle("boat.toml")
+said["inputs"] = boat.input_names
+values = {p.symbol: p.value for p in boat.parameters}
+force = boat.rates["v"].diff(hf.symbol("bow"))
+said["shares"] = [float(force.xreplace({**values, hf.symbol("u"): s})) for s in (0.0, 1.5)]
+across = hf.Law("across", (), dict(zip(boat.input_names, (0 * u, 0 * u, 99 + 0 * u), strict=True)))
+data = hf.simulate(boat, across, starts=[[0.0] * 6], horizon=5.0).dataset
+said["across"] = [float(abs(data["input"]).max()), float(data["state"].values[0, -1, 1])]
+bank = hf.Region("bank", boat.states, (hf.Inequality("bank", y - 1, "m"),))
+kept = hf.safeguard(boat, across, bank, gains=(1.0, 2.0))
+run = hf.simulate(boat, kept, starts=[[0.0] * 6], horizon=20.0, region=bank)
+said["kept"] = run.viable
+said["c"] = "bow" in hf.export_c(boat, across, "boat")
+
+# the enclosure: what it certifies of a cart is no more than others do, and the checker accepts it
+from holdfast_check.checker import checked
+v = hf.symbol("v")
+line = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))
+cart = hf.System("cart", line, (hf.Quantity("u", "m/s^2"),), {"x": v, "v": -x - v + u},
+                 input_bounds=hf.Box((-1,), (1,)))
+room = hf.Region("room", line, (hf.Inequality("wall", abs(x) - 0.9, "m"),))
+asked = {"box": {"x": (-1.0, 1.0), "v": (-1.5, 1.5)}, "cells": 31, "sample_time": 0.4, "steps": 4}
+shares = {}
+for kind in ("plain_box", "parallelepiped"):
+    certificate = hf.certify(cart, room, enclosure=kind, **asked)
+    shares[kind] = certificate.kept.share
+    checked(str(certificate.write(Path(f"{kind}.certificate"))))
+said["shares of enclosures"] = shares
 print(json.dumps(said))
 """
+
+USED = f"BOAT = {BOAT!r}\n{USED}"
 
 COUNT = '[scenario]\ntitle = "t"\nkind = "count"\n[count]\na = 1\nb = 2\n'
 
@@ -386,6 +507,7 @@ def package(tmp_path_factory):
     shutil.copytree(
         ROOT / "src" / "holdfast", folder / "holdfast", ignore=shutil.ignore_patterns("__pycache__")
     )
+    shutil.copytree(ROOT / "src" / "holdfast_check", folder / "holdfast_check")
     for files in ADDED.values():
         for name, text in files.items():
             path = folder / "holdfast" / name
@@ -414,7 +536,7 @@ def test_page_names_as_many_files_as_it_takes(row):
     assert line.rstrip("| ").endswith(f"| {len(ADDED[row])}")
 
 
-def test_scheme_set_vehicle_and_constraint_are_used(package):
+def test_scheme_set_vehicle_constraint_actuator_and_enclosure_are_used(package):
     devices = ["cpu", *(["c++"] if any(map(shutil.which, COMPILERS)) else [])]
     done = called(package, "-c", USED, *devices)
     assert done.returncode == 0, done.stderr[-2000:]
@@ -433,6 +555,15 @@ def test_scheme_set_vehicle_and_constraint_are_used(package):
     deviation, remembered = said["gusts"]
     assert deviation == pytest.approx(0.2, rel=0.1)
     assert abs(remembered) < 0.15  # after ten times the time of its memory
+    assert said["inputs"] == ["port", "starboard", "bow"]
+    assert said["shares"][1] == pytest.approx(said["shares"][0] / 2)
+    most, way = said["across"]
+    assert most == 40
+    assert way > 0.5
+    assert said["kept"] == 1
+    assert said["c"]
+    shares = said["shares of enclosures"]
+    assert 0.1 < shares["plain_box"] <= shares["parallelepiped"]
 
 
 OPTION = """

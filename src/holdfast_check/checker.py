@@ -52,7 +52,7 @@ from holdfast_check.statement import lines, statement
 from holdfast_check.taylor import NoModelError
 
 BITS = 80
-NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, MOST_STEPS = 1, 2, 3, 1e-3, 64
+NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, MOST_STEPS, MOST_HALVES = 1, 2, 3, 1e-3, 64, 16
 MOST_TURNED, MOST_TOUCHED, SHOWN = 1e12, 1 << 20, 2000
 Tell = Callable[[int, int], None]
 GROUPS = ("states", "inputs", "disturbances", "parameters")
@@ -75,6 +75,7 @@ class Checker:
         self.errors = [interval(-e, e) for e in errors]
         self.kept: dict[tuple[int, int], int] = {}
         self.flow = HeldFlow(h["rates"], self.states, self.constraints, h["steps"])
+        self.halves = h["halves"]
         both = Tape([*self.constraints, *self.target])
         self.ends = functools.cache(lambda cell: self._holds(both, cell) is None)
         self.inside = Tape(self.constraints)
@@ -109,6 +110,7 @@ class Checker:
         if any(a > b for a, b in h["law"]["under_way"]):
             raise NotValidError("a range is reversed")
         times = 0 <= self.delay < self.hold and 1 <= h["steps"] <= MOST_STEPS
+        times = times and 0 <= self.halves <= MOST_HALVES
         holds = h["holds"] > 0 if h["holds"] is not None else not self.target
         law = bool(h["law"]["modes"])
         inputs = law != bool(h["candidates"]) and (law or h["law"] == NO_LAW)
@@ -164,14 +166,41 @@ class Checker:
                     raise NotValidError(f"{where}: an input is none that may be under way")
                 any_u, mids = ({name: q[k] for name, q in self.under_way.items()} for k in (0, 1))
                 legs.insert(0, (point(self.delay), self.bounds | any_u, self.middles | mids))
-            end, fails = self.flow.held(self._with_errors(seen), middle, legs)
-            if end is None:
-                raise NotValidError(f"{where}: no box of the states on the way was found")
-            if fails is not None:
-                raise NotValidError(f"{where}: constraint {fails} may fail on the way")
-            for led in self._cells(self._with_errors(end)):
-                if led is None or not self._reached(led, mode, level):
-                    raise NotValidError(f"{where} may lead to {led and led[0]}, which is not kept")
+            if fails := self._fails(self._with_errors(seen), middle, legs, mode, level):
+                raise NotValidError(f"{where}{fails}")
+
+    def _fails(
+        self, x: Row, middle: Row, legs: list[Any], mode: int, level: int, halved: int = 0
+    ) -> str:
+        """What may fail from a box; nothing if both of its halves keep what it promises.
+
+        Each state is in one of the halves. Of a file that says that cells may be halved, the way
+        is followed closely too before that.
+        """
+        why = self._may_fail(self.flow.held(x, middle, legs), mode, level)
+        if why and self.halves:
+            why = self._may_fail(self.flow.held(x, middle, legs, closely=True), mode, level)
+        if not why or halved == self.halves:
+            return why
+        (low, high), axis = x[halved % len(x)], halved % len(x)
+        cut = ((low + high) / 2).mid()
+        for ends in ((low, cut), (cut, high)):
+            half = [*x[:axis], ends, *x[axis + 1 :]]
+            center = [point(((a + b) / 2).mid()) for a, b in half]
+            if self._fails(half, center, legs, mode, level, halved + 1):
+                return why
+        return ""
+
+    def _may_fail(self, held: tuple[Row | None, int | None], mode: int, level: int) -> str:
+        end, fails = held
+        if end is None:
+            return ": no box of the states on the way was found"
+        if fails is not None:
+            return f": constraint {fails} may fail on the way"
+        for led in self._cells(self._with_errors(end)):
+            if led is None or not self._reached(led, mode, level):
+                return f" may lead to {led and led[0]}, which is not kept"
+        return ""
 
     def _place(self, cell: int) -> tuple[int, list[int]]:
         """The width of a cell in the smallest ones, and the place of the first of these in it."""

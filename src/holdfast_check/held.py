@@ -7,6 +7,8 @@ hold is divided into steps tau; at each of them
 2. N goes on by its Taylor polynomial with a remainder over B;
 3. with A in df/dx (B, u, D), W in df/dd (B, u, D) (D - d0) and M = I + tau A + tau^2/2 A A,
    C goes on to M C and E to M E + tau W + tau^2/2 A W + tau^3/6 A A (A e + W).
+
+What every step adds to E goes on to M times it as well: E is also the sum of these.
 """
 
 from __future__ import annotations
@@ -61,6 +63,8 @@ class States:
     carried: list[Row]
     rest: Row
     off: Row
+    parts: list[tuple[list[Row], Row]] | None
+    """Of E: what carries on, and what it was when it was added; None if not followed closely."""
 
 
 class HeldFlow:
@@ -75,12 +79,14 @@ class HeldFlow:
         self.expressions = [*rates, *constraints]
 
     def held(
-        self, box: Row, middle: Row, legs: Sequence[tuple[Interval, Known, Known]]
-    ) -> tuple[Row | None, int | None]:
+        self, box: Row, middle: Row, legs: Sequence[tuple[Interval, Known, Known]],
+        *, closely: bool = False,
+    ) -> tuple[Row | None, int | None]:  # fmt: skip
         """The states at the end, or None if no box of those on the way is found; and the first
         constraint that may fail on the way.
 
-        legs: how long each is, what is known on it, and the middle of that.
+        legs: how long each is, what is known on it, and the middle of that. closely: what each step
+        adds to E is carried on by itself too, so that turning widens it less.
         """
         n, last = len(box), len(legs) * self.steps
         one = [[point(int(i == j)) for j in range(n)] for i in range(n)]
@@ -88,7 +94,7 @@ class HeldFlow:
         for leg, (whole, ranges, still) in enumerate(legs):
             center = [point(((q[0] + q[1]) / 2).mid()) for q in box] if leg else middle
             off = [sub(q, c) for q, c in zip(box, center, strict=True)]
-            x = States(box, center, one, [point(0)] * n, off)
+            x = States(box, center, one, [point(0)] * n, off, [] if closely else None)
             step = mul(whole, inverse(point(self.steps)))
             for turn in itertools.islice(turns, self.steps):
                 way = self._way(x.box, ranges, step)
@@ -144,16 +150,29 @@ class HeldFlow:
                  for o, s, r in zip(e, e0, moving, strict=True)]  # fmt: skip
         moving = [add(dot(row, e), more) for row, more in zip(a, w, strict=True)]
         m = [[_entry(i == j, step, a[i][j], half, twice[i][j]) for j in range(n)] for i in range(n)]
-        rest = [
-            total(dot(m[i], x.rest), mul(step, w[i]), mul(half, dot(a[i], w)),
-                   mul(sixth, dot(twice[i], moving)))
-            for i in range(n)
-        ]  # fmt: skip
-        carried = [[dot(row, [other[j] for other in x.carried]) for j in range(n)] for row in m]
+        added = [[mul(step, w[i]), mul(half, dot(a[i], w)), mul(sixth, dot(twice[i], moving))]
+                 for i in range(n)]  # fmt: skip
+        rest = [total(dot(row, x.rest), *more) for row, more in zip(m, added, strict=True)]
+        parts = x.parts
+        one = [[point(int(i == j)) for j in range(n)] for i in range(n)]
+        if parts is not None:
+            parts = [*((_product(m, by), q) for by, q in parts), (one, [total(*q) for q in added])]
+            sums = (total(*(dot(by[i], q) for by, q in parts)) for i in range(n))
+            rest = [common(r, q) for r, q in zip(rest, sums, strict=True)]
+        carried = _product(m, x.carried)
         ends = [total(c, dot(row, x.off), r)
                 for c, row, r in zip(nominal, carried, rest, strict=True)]  # fmt: skip
         box = [common(common(p, q), b) for p, q, b in zip(plain, ends, way, strict=True)]
-        return States(box, nominal, carried, rest, x.off)
+        if parts is not None:  # on from a point of the box, whose way is in the next B as well
+            mids = (min(max(((q[0] + q[1]) / 2).mid(), b[0]), b[1])
+                    for q, b in zip(nominal, box, strict=True))  # fmt: skip
+            around, nominal = nominal, [point(q) for q in mids]
+            more = [sub(q, c) for q, c in zip(around, nominal, strict=True)]
+            rest, parts = (
+                [add(q, r) for q, r in zip(rest, more, strict=True)],
+                [*parts, (one, more)],
+            )
+        return States(box, nominal, carried, rest, x.off, parts)
 
     def _nominal(self, at: Row, way: Row, a: list[Row], still: Known, step: Interval) -> Row:
         """The trajectory of the middle after a step, from a box of it."""
@@ -204,6 +223,10 @@ def _entry(
     parts = [point(1)] if same else []
     parts += [mul(step, a)] if a else []
     return total(*parts, mul(half, twice))
+
+
+def _product(m: list[Row], by: list[Row]) -> list[Row]:
+    return [[dot(row, [other[j] for other in by]) for j in range(len(by))] for row in m]
 
 
 def total(first: Interval, *others: Interval) -> Interval:

@@ -184,7 +184,7 @@ FUNCTIONS = {
     "certify": lambda: {
         "system": line(), "region": end(), "box": {"x": (-1.0, 1.0)}, "cells": 5, "sample_time": 0.1, "horizon": 0.2, "inputs": 2,
         "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01}, "delay": 0.02,
-        "halvings": 1, "store": tempfile.mkdtemp(), "candidate": None, "margin": 0.0,
+        "halvings": 1, "enclosure": "zonotope", "store": tempfile.mkdtemp(), "candidate": None, "margin": 0.0,
     },
     "flowpipe": lambda: {
         "system": line(), "region": end(), "start": {"x": (-0.1, 0.1)}, "horizon": 0.2, "law": push_law(), "sample_time": 0.1,

@@ -19,12 +19,15 @@ CORRIDOR = {
     "cybership_ii_full": (1.5, 0.3, 0.1, 6.0, 400, 234),
     "bluerov2_planar": (1.0, 0.5, 1.0, 2.0, 400, 367),
     "supply_vessel": (60.0, 1.5, 0.01, 60.0, 400, 146),
+    "remus_100_rudder": (8.0, 1.5, 0.3, 6.0, 384, 336),
+    "milliampere": (4.0, 0.8, 0.3, 6.0, 400, 229),
 }
 POSE = {
     # craft: box [m], gains of the law, tracking gain [1/s], seconds, sample [s]
     "cybership_ii_full": (2.0, (0.05, 0.1, 0.03, 0.03), 0.5, 400.0, 0.05),
     "bluerov2_planar": (2.0, (0.3, 0.5, 0.3, 0.5), 3.0, 60.0, 0.05),
     "supply_vessel": (80.0, (0.02, 0.02, 0.4, 0.005), 0.1, 1200.0, 0.5),
+    "milliampere": (20.0, (0.05, 0.1, 0.5, 0.1), 0.5, 300.0, 0.1),
 }
 CRAFT = [n for n in vehicle_names() if read_vehicle(n)[1]["system"] == "marine_craft"]
 u, v, r, psi, x = (hf.symbol(n) for n in ("u", "v", "r", "psi", "x"))
@@ -32,13 +35,13 @@ u, v, r, psi, x = (hf.symbol(n) for n in ("u", "v", "r", "psi", "x"))
 
 def test_every_craft_is_promised():
     assert set(CRAFT) == set(CORRIDOR) - {"videoray_pro_iii"}
-    assert set(POSE) == {n for n in CRAFT if len(hf.load_vehicle(n).inputs) == 3}
+    assert set(POSE) == {n for n in CRAFT if not hf.load_vehicle(n).pfaffian}
 
 
 @pytest.mark.parametrize("name", CRAFT)
 def test_craft_without_a_sway_force_is_explained_and_one_with_it_is_no_nonholonomic_system(name):
     craft = hf.load_vehicle(name)
-    if "tau_v" in craft.input_names:
+    if not craft.pfaffian:
         with pytest.raises(DefinitionError, match="no Pfaffian constraint"):
             hf.explain(craft)
     else:
@@ -53,11 +56,11 @@ def test_coriolis_force_of_every_craft_does_no_work(name):
     p = {q.symbol: q.value for q in craft.parameters} | zero
     p |= {q.symbol: 0 for q in craft.inputs}
     n = {q.name: q.value for q in craft.parameters}
-    cross = n["mass"] * n.get("x_g", 0) - n.get("Yrdot", 0)
+    offset, sway_by_yaw = n["mass"] * n.get("x_g", 0), n.get("Yrdot", 0)
     inertia = np.array([
         [n["mass"] - n["Xudot"], 0, 0],
-        [0, n["mass"] - n["Yvdot"], cross],
-        [0, cross, n["Iz"] - n["Nrdot"]],
+        [0, n["mass"] - n["Yvdot"], offset - sway_by_yaw],
+        [0, offset - n.get("Nvdot", sway_by_yaw), n["Iz"] - n["Nrdot"]],
     ])  # fmt: skip
     for nu in np.random.default_rng(3).uniform(-1, 1, (20, 3)):
         at = p | dict(zip((u, v, r), nu, strict=True))
@@ -72,9 +75,10 @@ def test_dynamic_positioning_brings_every_fully_actuated_craft_to_its_pose(name,
     """20 of 20 starts within a ten-thousandth of the box and 1e-4 rad, with late thrusters too."""
     size, (k1, k2, speed, turn), gain, horizon, sample = POSE[name]
     craft = hf.load_vehicle(name)
+    lag = None if "tau_u" in craft.input_names else dict.fromkeys(craft.input_names, 0.5)
     law = hf.laws.hold_pose(craft, k1=k1, k2=k2, approach_speed=speed, approach_turn=turn)
     result = hf.simulate(
-        hf.lagged(craft) if late else craft,
+        hf.lagged(craft, lag) if late else craft,
         hf.track_velocity(craft, law, {"u": gain, "v": gain, "r": gain}),
         starts=hf.Starts(random=20, box={"x": (-size, size), "y": (-size, size), "psi": (-2.5, 2.5)}),
         horizon=horizon, sample_time=sample, record_every=horizon / 20, seed=1,
@@ -87,16 +91,25 @@ def ahead(craft, speed, time):
     """Straight ahead at a speed: a proportional law for each velocity and the heading."""
     p = {q.symbol: q.value for q in craft.parameters}
 
-    def inertia(velocity, force):
-        return 1 / float(craft.rates[velocity].diff(hf.symbol(force)).xreplace(p))
+    def effect(velocity, force):
+        return float(craft.rates[velocity].diff(hf.symbol(force)).xreplace({**p, u: speed}))
 
-    surge, yaw = inertia("u", "tau_u"), inertia("r", "tau_r")
-    forces = {
-        "tau_u": 4 / time * surge * (speed - u),
-        "tau_v": -4 / time * surge * v,
-        "tau_r": -yaw * (4 / time**2 * psi + 4 / time * r),
-    }
-    return hf.Law("ahead", craft.states, {n: forces[n] for n in craft.input_names})
+    if "tau_u" in craft.input_names:
+        surge, yaw = 1 / effect("u", "tau_u"), 1 / effect("r", "tau_r")
+        forces = {
+            "tau_u": 4 / time * surge * (speed - u),
+            "tau_v": -4 / time * surge * v,
+            "tau_r": -yaw * (4 / time**2 * psi + 4 / time * r),
+        }
+    else:  # the inputs of every actuator: what brings about these rates at that speed
+        rates = {"u": 4 / time * (speed - u), "r": -(4 / time**2 * psi + 4 / time * r)}
+        if not craft.pfaffian:
+            rates["v"] = -4 / time * v
+        shares = np.linalg.pinv([[effect(a, n) for n in craft.input_names] for a in rates])
+        wanted = sp.Matrix(shares) * sp.Matrix([*rates.values()])
+        forces = dict(zip(craft.input_names, wanted, strict=True))
+    forces = {n: forces[n] for n in craft.input_names}
+    return hf.Law("ahead", craft.states, forces)
 
 
 @pytest.mark.parametrize(
@@ -164,6 +177,27 @@ def test_model_ship_passes_the_moored_vessel_that_its_law_alone_touches():
     assert alone.viable == 205
     peak = with_filter.dataset["actuator"].values.min(axis=(0, 1))
     assert (peak >= [-5.67 - 1e-2, -5.67 - 1e-2, -0.175]).all()
+
+
+def test_ferry_passes_the_moored_boat_that_its_law_alone_touches():
+    """300 of 300 arrive, by the forces of two azimuth thrusters; of the law alone 81 keep clear."""
+    scenario = hf.load_scenario("ferry-quay")
+    result = scenario.run()
+    assert result.viable == result.outcomes["reached goal"] == 300
+    forces = result.dataset["input"].values
+    size = np.maximum(np.hypot(*forces[..., :2].T), np.hypot(*forces[..., 2:].T))
+    assert size.max() <= 500 * (1 + 1e-12)
+    craft = scenario.model
+    law = hf.track_velocity(
+        craft,
+        hf.laws.hold_pose(craft, k1=0.05, k2=0.1, approach_speed=0.6, approach_turn=0.1),
+        {"u": 0.5, "v": 0.5, "r": 0.5},
+    )
+    alone = hf.simulate(
+        craft, law, starts=scenario.starts, region=scenario.region, seed=1,
+        horizon=300, sample_time=0.1, record_every=1, tolerance=1e-3,
+    )  # fmt: skip
+    assert alone.viable == 81
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from holdfast.host.files import read_small_text
 from holdfast.maths.catalogue import fields, systems
 from holdfast.maths.definitions.extension import LAG, SLEW
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.vehicle_file import THRUSTERS, vehicle_text
+from holdfast.maths.definitions.vehicle_file import PLAIN, vehicle_text
 from holdfast.maths.reference_fields.field import Field
 from holdfast.scenario.build.composer import Composer
 
@@ -230,7 +230,7 @@ class Number:
 def numbered_vehicle(name: str, numbers: Mapping[str, Number], note: str) -> str:
     """The text of the vehicle's file with these numbers, by the names of parameters of its system.
 
-    A lag or a slew NAME_lag, NAME_slew is that of thruster NAME. A number that the file does not
+    A lag or a slew NAME_lag, NAME_slew is that of actuator NAME. A number that the file does not
     have is added. note: added to that of the file. Raises `ScenarioError` for an unknown vehicle.
     """
     shown, text = vehicle_text(name)
@@ -247,10 +247,11 @@ def numbered_vehicle(name: str, numbers: Mapping[str, Number], note: str) -> str
 
 def _table_of(document: Any, key: str) -> tuple[Any, str]:
     """The table and the key of a parameter."""
-    thrusters = document.get(THRUSTERS, {})
+    actuators = [table for table in document if table not in PLAIN]
     for ending in (LAG, SLEW):
-        if key.endswith(ending) and key.removesuffix(ending) in thrusters:
-            return thrusters[key.removesuffix(ending)], ending.removeprefix("_")
+        for table in actuators:
+            if key.endswith(ending) and key.removesuffix(ending) in document[table]:
+                return document[table][key.removesuffix(ending)], ending.removeprefix("_")
     return document["parameters"], key
 
 

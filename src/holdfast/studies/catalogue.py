@@ -183,8 +183,8 @@ def _vehicle(name: str) -> list[str]:
         lines.append(f"  note: {vehicle.note}")
     numbers = [*vehicle.parameters.values()]
     lines += _parameters(numbers)
-    for thruster, table in vehicle.thrusters.items():
-        lines += ["", f"  thruster {thruster}", *_parameters([*table.values()])[2:]]
+    for actuator, (kind, table) in vehicle.actuators.items():
+        lines += ["", f"  {kind.noun} {actuator}", *_parameters([*table.values()])[2:]]
         numbers += table.values()
     sources = dict.fromkeys(p.source for p in numbers if not p.assumed)
     return [*lines, "", "  sources", *(f"    {s}" for s in sources)]

@@ -6,14 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
-from scipy.optimize import linprog
+from scipy.optimize import fsolve, linprog
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, HoldfastError, ScenarioError
 from holdfast.execution.leaf import Evaluator
+from holdfast.maths.catalogue.actuators.thruster import thruster as fixed_thruster
 from holdfast.maths.catalogue.vehicles import vehicle_of
+from holdfast.maths.definitions.actuator import actuation
 from holdfast.maths.definitions.bounds import AllocatedImage
-from holdfast.maths.definitions.thruster import Thruster, actuation
 
 FILES = Path(hf.__file__).parent / "vehicles"
 S = 'source = "s"'
@@ -151,7 +152,7 @@ def test_sway_force_that_comes_with_the_moment_drives_the_sway(tmp_path):
 
 def test_thruster_at_an_angle_has_the_effect_of_its_components():
     for degrees in (0, 30, 45, 90, 135, 180, -90, 17.3):
-        cos, sin, moment = Thruster("a", 2.0, 0.5, math.radians(degrees), 1.0, 1.0).effect
+        cos, sin, moment = fixed_thruster("a", 2.0, 0.5, math.radians(degrees), 1.0, 1.0).effects[0]
         a = math.radians(degrees)
         assert [float(cos), float(sin)] == pytest.approx([math.cos(a), math.sin(a)], abs=1e-15)
         assert float(moment) == pytest.approx(2 * math.sin(a) - 0.5 * math.cos(a), abs=1e-15)
@@ -173,16 +174,17 @@ def test_thrusters_without_surge_or_moment_are_refused(tmp_path, thrusters, comp
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
-        ("[thrusters.port]", "[rudders.port]", "unknown key 'rudders'"),
+        ("[thrusters.port]", "[sails.port]", "unknown key 'sails'"),
+        ("[thrusters.port]", "[rudders.port]", "unknown parameter 'y' of rudders.port"),
         ("direction =", "angle =", "unknown parameter 'angle' of thrusters.port"),
         ('x = { value = 0.0, unit = "m"', 'x = { value = 0.0, unit = "kg"', "does not fit"),
         ("ahead = { value = 119.682", "ahead = { value = 0.0", "above 0"),
-        ("[thrusters.port]", "[thrusters.mass]", "'mass' cannot name a thruster"),
+        ("[thrusters.port]", "[thrusters.mass]", "'mass' cannot name an actuator"),
         ("[thrusters.port]", "[thrusters.'aft port']", "cannot name"),
         ("Iz = { value = 16.97788086", "Iz = { value = -40", "above 0"),
         ("x_g = { value = 0.153125", "x_g = { value = 2.0", "not positive definite"),
         ("Xu = {", "Xw = {", "unknown parameter 'Xw'"),
-        ('system = "marine_craft"', 'system = "marine_vehicle"', "unknown parameter|takes no"),
+        ('system = "marine_craft"', 'system = "marine_vehicle"', "unknown parameter|unknown key"),
     ],
 )
 def test_broken_craft_file_is_refused_with_the_key(tmp_path, old, new, complaint):
@@ -195,11 +197,11 @@ def test_file_without_thrusters_and_thrusters_of_another_system_are_refused(tmp_
     text = (FILES / "otter.toml").read_text()
     path = tmp_path / "bare.toml"
     path.write_text(text[: text.index("[thrusters")])
-    with pytest.raises(ScenarioError, match="needs 'thrusters'"):
+    with pytest.raises(ScenarioError, match="needs actuators"):
         hf.load_vehicle(str(path))
-    with pytest.raises(ScenarioError, match="takes no 'thrusters'"):
+    with pytest.raises(ScenarioError, match="unknown key 'thrusters'"):
         hf.load_vehicle(written(tmp_path, "turtlebot3_burger", more=thruster("a", 0, 0, 0)))
-    path.write_text("thrusters = 3\n" + path.read_text())
+    path.write_text("thrusters = {}\n" + path.read_text())
     with pytest.raises(ScenarioError, match="thrusters is"):
         vehicle_of(str(path))
 
@@ -284,12 +286,15 @@ def test_lag_that_cannot_be_is_refused():
 
 def test_three_rows_that_depend_are_no_choice_of_sway():
     """A pair of thrusters at the same angle on the centre line: sway is a part of surge and yaw."""
-    pair = [Thruster("a", 1.0, 0.2, 0.5, 1.0, 1.0), Thruster("b", -1.0, -0.2, 0.5, 1.0, 1.0)]
+    pair = [
+        fixed_thruster("a", 1.0, 0.2, 0.5, 1.0, 1.0),
+        fixed_thruster("b", -1.0, -0.2, 0.5, 1.0, 1.0),
+    ]
     found = actuation(pair)
     assert [q.name for q in found.inputs] == ["tau_u", "tau_r"]
     along, turn = (q.symbol for q in found.inputs)
     for a, b in ((1.0, 0.0), (0.3, -2.0)):
-        effects = [[float(e) for e in t.effect] for t in pair]
+        effects = [[float(e) for e in t.effects[0]] for t in pair]
         surge, sway, yaw = (a * p + b * q for p, q in zip(*effects, strict=True))
         assert float(found.force[1].xreplace({along: surge, turn: yaw})) == pytest.approx(sway)
 
@@ -303,3 +308,124 @@ def test_file_of_the_page_is_a_craft(tmp_path):
     late = hf.lagged(boat)
     assert late.state_names[6:] == ("actual_port", "actual_starboard")
     assert boat.input_names == ("tau_u", "tau_r")
+
+
+# -- actuators whose direction is an input
+
+
+def turned(u, v, r, delta, thrust=3.86):
+    """The rates of REMUS 100 in the plane, by the coefficients of Prestero's thesis as printed.
+
+    z down, y to starboard; with the combined coefficients of lift and added mass.
+    """
+    m, iz = 30.48, 3.45
+    surge = thrust - 1.62 * u * abs(u) + (35.5 + m) * v * r - 1.93 * r * r
+    sway = (
+        -1310 * v * abs(v) + 0.632 * r * abs(r) - 28.6 * u * v + (5.22 - m) * u * r
+        + 9.64 * u * u * delta
+    )  # fmt: skip
+    yaw = -3.18 * v * abs(v) - 94.0 * r * abs(r) - 24.0 * u * v - 2.0 * u * r - 6.15 * u * u * delta
+    inertia = [[m + 0.93, 0, 0], [0, m + 35.5, -1.93], [0, -1.93, iz + 4.88]]
+    return np.linalg.solve(inertia, [surge, sway, yaw])
+
+
+def test_remus_accelerates_by_the_coefficients_of_its_source():
+    """The mirror of z down changes the signs of v, r and the angle."""
+    craft = hf.load_vehicle("remus_100_rudder")
+    for u, v, r, delta in np.random.default_rng(0).uniform(-1, 1, (50, 4)) * (0.5, 0.2, 0.3, 0.23):
+        du, dv, dr = turned(1.5 + u, -v, -r, -delta)
+        mine = accelerations(craft, (1.5 + u, v, r), (3.86, delta))
+        assert mine == pytest.approx([du, -dv, -dr], rel=1e-9, abs=1e-12)
+
+
+def test_remus_goes_as_fast_and_turns_as_tightly_as_its_source_says():
+    """1.54 m/s, three knots, at 1500 rpm; the turn at 13.6 degrees is where the printed forces balance."""
+    craft = hf.load_vehicle("remus_100_rudder")
+
+    def settled(angle):
+        law = hf.Law("turn", (), {"propeller": sp.Float(3.86), "rudder": sp.Float(angle)})
+        run = hf.simulate(craft, law, starts=[[0, 0, 0, 1.0, 0, 0]], horizon=200, record_every=1)
+        return run.dataset["state"].values[0]
+
+    straight, limit = settled(0.0), math.radians(13.6)
+    assert straight[-1, 3] == pytest.approx(3 * 1852 / 3600, rel=1e-3)
+    assert straight[-1, 3] == pytest.approx(1.54, abs=0.005)
+    hard = settled(1.0)  # beyond the limit
+    balance = fsolve(lambda q: turned(*q, limit), [1.3, 0.1, -0.2])
+    assert hard[-1, 3:] == pytest.approx(balance, rel=1e-6)  # the mirror of z down, with its angle
+    radius = math.hypot(balance[0], balance[1]) / abs(balance[2])
+    circle = hard[-int(2 * math.pi / abs(balance[2])) - 1 :, :2]
+    assert np.ptp(circle, axis=0) == pytest.approx([2 * radius] * 2, rel=0.02)
+    assert radius == pytest.approx(6.04, abs=0.01)
+
+
+def test_rudder_stays_within_its_limit_in_closed_loop_and_has_no_force_without_speed():
+    result = hf.load_scenario("remus-channel").run()
+    assert result.viable == result.outcomes["reached goal"] == 300
+    asked = np.abs(result.dataset["input"].sel(input_name="rudder").values)
+    actual = np.abs(result.dataset["state"].sel(state_name="actual_rudder").values)
+    assert asked.max() == pytest.approx(math.radians(13.6), rel=1e-12)
+    assert actual.max() <= math.radians(13.6)
+    rest = accelerations(hf.load_vehicle("remus_100_rudder"), (0, 0, 0), (0, 0.2))
+    assert (rest == 0).all()
+
+
+def test_ferry_accelerates_by_the_matrices_of_its_source():
+    """Pedersen's M and D, the Coriolis force of M's symmetric part; two force vectors."""
+    craft = hf.load_vehicle("milliampere")
+    m = np.array([[2389.65702, 0, 0], [0, 2533.911, 62.386], [0, 28.141, 5068.91]])
+    even = (m + m.T) / 2
+    for u, v, r in np.random.default_rng(0).uniform(-1, 1, (50, 3)) * (1.5, 0.5, 0.3):
+        bow, stern = np.array([300.0, -100.0]), np.array([120.0, 250.0])
+        tau = [*(bow + stern), 1.8 * (bow[1] - stern[1])]
+        p = even @ (u, v, r)
+        d = np.array([
+            [27.632 + 110.064 * abs(u) + 13.965 * u * u, 0, 0],
+            [0, 52.947 + 116.486 * abs(v) + 24.313 * v * v + 1540.383 * abs(r),
+             -24.732 - 572.141 * abs(v) + 115.457 * abs(r)],
+            [0, -3.524 + 0.832 * abs(v) - 336.827 * abs(r),
+             122.86 + 874.428 * abs(r) + 121.957 * abs(v)],
+        ])  # fmt: skip
+        force = tau + np.array([p[1] * r, -p[0] * r, p[0] * v - p[1] * u]) - d @ (u, v, r)
+        mine = accelerations(craft, (u, v, r), (*bow, *stern))
+        assert mine == pytest.approx(np.linalg.solve(m, force), rel=1e-10)
+
+
+def test_azimuth_thruster_gives_any_force_of_its_disc_and_no_other():
+    """A law that asks for too much: each force keeps its direction and has the size of the limit."""
+    craft = hf.load_vehicle("milliampere", bow_limit=200.0)
+    names = craft.input_names
+    assert names == ("bow_x", "bow_y", "stern_x", "stern_y")
+    law = hf.Law("much", (), dict(zip(names, map(sp.Float, (3e3, 4e3, -1e3, 0.0)), strict=True)))
+    inputs = hf.simulate(craft, law, starts=[[0] * 6], horizon=0.2).dataset["input"].values[0, 0]
+    assert inputs == pytest.approx([120.0, 160.0, -500.0, 0.0], rel=1e-12)
+    values = {p.symbol: p.value for p in craft.parameters}
+    bounds = craft.input_bounds.at(values)
+    assert bounds.support_value([3.0, 4.0, 0.0, -2.0]) == pytest.approx(5 * 200 + 2 * 500)
+
+
+def test_craft_of_a_rudder_without_a_propeller_is_refused_and_a_name_stands_once(tmp_path):
+    text = (FILES / "remus_100_rudder.toml").read_text()
+    path = tmp_path / "mine.toml"
+    begin, end = text.index("[thrusters"), text.index("[rudders")
+    path.write_text(text[:begin] + text[end:])
+    with pytest.raises(DefinitionError, match="independently"):
+        hf.load_vehicle(str(path))
+    path.write_text(text.replace("[rudders.rudder]", "[rudders.propeller]"))
+    with pytest.raises(ScenarioError, match="two actuators have the name 'propeller'"):
+        hf.load_vehicle(str(path))
+
+
+def test_each_of_more_inputs_than_velocities_has_its_share_by_least_squares():
+    """The forces of two azimuth thrusters that track velocities are the smallest that do."""
+    craft = hf.load_vehicle("milliampere")
+    pose = hf.laws.hold_pose(craft)
+    law = hf.track_velocity(craft, pose, {"u": 0.5, "v": 0.5, "r": 0.5})
+    state = [3.0, -2.0, 0.4, 0.3, -0.1, 0.05]
+    at = dict(zip((q.symbol for q in craft.states), state, strict=True))
+    at |= {p.symbol: p.value for p in law.parameters}
+    forces = np.array([float(law.outputs[n].xreplace(at)) for n in craft.input_names])
+    effect = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [0, 1.8, 0, -1.8]])
+    assert forces == pytest.approx(np.linalg.pinv(effect) @ effect @ forces, rel=1e-9)
+    with pytest.raises(DefinitionError, match="gives 3 velocities"):
+        hf.track_velocity(hf.load_vehicle("otter"), pose, {"u": 0.5, "v": 0.5, "r": 0.5})

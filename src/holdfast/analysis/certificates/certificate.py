@@ -172,7 +172,7 @@ def _hexadecimal(values: Any) -> list[str]:
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
-MOST_CELLS, MOST_INPUTS, MOST_DEPTH, MOST_STEPS = 2**32, 2**16, 31, 64
+MOST_CELLS, MOST_INPUTS, MOST_DEPTH, MOST_STEPS, MOST_HALVES = 2**32, 2**16, 31, 64, 16
 
 KNOWN = (
     "sin", "cos", "tan", "atan", "exp", "log", "tanh", "Abs", "magnitude", "least", "greatest",
@@ -225,6 +225,7 @@ class Certificate:
         kept_set, law = self.kept, self.sampling.law
         more = {"depth": kept_set.depth} if kept_set.depth else {}
         more |= {"steps": self.sampling.steps} if self.sampling.steps > 1 else {}
+        more |= {"halves": self.sampling.halves} if self.sampling.halves else {}
         return {
             "title": self.title,
             "states": named(self.states),

@@ -67,9 +67,10 @@ from holdfast.arguments import (
     checked,
     renamed,
 )
-from holdfast.errors import SimulationError
+from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arrays import AnyArray, Array, Ranks, Truths, Wholes
 from holdfast.execution.intervals.enclosure import TURN
+from holdfast.execution.intervals.enclosures import STANDARD, enclosures
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
@@ -410,6 +411,7 @@ def certify(
     delay: Seconds = 0.0,
     halvings: Count = 0,
     steps: int | None = None,
+    enclosure: str = STANDARD,
     store: str | Path | None = None,
     candidate: SetOnGrid | None = None,
     margin: float = 0.0,
@@ -440,7 +442,9 @@ def certify(
     than the region; box, cells and disturbance are by default those of its grid and problem.
 
     steps: into how many parts the enclosures of a hold divide it, from 1 to 64; by default as many
-    as pay, of up to 16, by a trial of some cells.
+    as pay, of up to 16, by a trial of some cells. enclosure: of which kind they are, "zonotope" or
+    "parallelepiped", that of the checker: of another the file lets the checker halve cells until
+    its own say the same.
 
     box: state -> (low, high), the cells of which are tried; an angle over a whole turn comes back
     to itself where rates and constraints have it in sines and cosines alone. cells: how many along
@@ -493,6 +497,10 @@ def certify(
     _check_refine(halvings, grid)
     if steps is not None and not 1 <= steps <= MOST_STEPS:
         raise SimulationError(f"steps is {steps}", expected=f"from 1 to {MOST_STEPS}")
+    if enclosure not in enclosures():
+        raise SimulationError(
+            f"enclosure is {enclosure!r}", remedy=suggestion(str(enclosure), enclosures())
+        )
     if not (math.isfinite(sample_time) and sample_time > 0):
         raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
     holds = None
@@ -512,6 +520,8 @@ def certify(
         delay_of(float(delay), sample_time),
         tuple((float(c.min()), float(c.max())) for c in candidates.T),
         cases,
+        enclosure=enclosure,
+        halves=enclosures()[enclosure].halves,
     )
 
     def flow_of(sampling: Sampling) -> HeldFlow:

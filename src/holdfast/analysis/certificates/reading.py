@@ -27,6 +27,7 @@ from holdfast.analysis.certificates.certificate import (
     KNOWN,
     MAGIC,
     MOST_DEPTH,
+    MOST_HALVES,
     MOST_STEPS,
     Certificate,
     Range,
@@ -115,8 +116,9 @@ def _of(node: ast.expr, names: Names) -> sp.Expr:
 MOST_OF_ENTRIES = 16
 """How many times as long as their packed form the entries of a file may be: they are six times."""
 
-OPTIONAL = {"depth", "steps"}
-"""What a header says of cells that were halved, and of holds that enclosures divide."""
+OPTIONAL = {"depth", "steps", "halves"}
+"""What a header says of cells that were halved, of holds that enclosures divide, and of cells that
+the checker may halve."""
 
 
 @checked
@@ -274,7 +276,10 @@ def _sampling(
     steps = header.get("steps", 1)
     if type(steps) is not int or not 1 <= steps <= MOST_STEPS:
         raise ValueError(f"its holds are divided into {steps!r} steps")
-    return Sampling(hold, tuple(errors), delay, under_way, law, steps)
+    halves = header.get("halves", 0)
+    if type(halves) is not int or not 0 <= halves <= MOST_HALVES:
+        raise ValueError(f"its cells may be halved {halves!r} times")
+    return Sampling(hold, tuple(errors), delay, under_way, law, steps, halves=halves)
 
 
 def _cells(header: Mapping[str, Any], axes: int) -> Cells:

@@ -190,7 +190,7 @@ class Interval:
         """With every number that is within `by` of one of these."""
         return Interval(below_sum(self.low - by), above_sum(self.high + by))
 
-    def within(self, low: float, high: float) -> Interval:
+    def within(self, low: Value | float, high: Value | float) -> Interval:
         """The part between two numbers, of a quantity that is always there."""
         return Interval(
             choose(self.low < low, low, self.low), choose(self.high > high, high, self.high)

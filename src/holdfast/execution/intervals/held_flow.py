@@ -54,6 +54,8 @@ from holdfast.execution.intervals.enclosure import (
     share,
     smallest,
 )
+from holdfast.execution.intervals.enclosures import STANDARD, Enclosure, Motion, enclosures
+from holdfast.execution.intervals.enclosures.base import times
 from holdfast.execution.intervals.law_ranges import LawRanges
 from holdfast.execution.intervals.tape import Tape
 from holdfast.execution.leaf import Leaves, compiled_leaves
@@ -94,7 +96,8 @@ class Sampling:
     errors: by how much each state may be measured wrong. delay: by how long an input may come late
     [s], at most. under_way: the least and the greatest of each input that may still be under way.
     law: what gives the inputs, None where they are tried. steps: into how many parts enclosures
-    divide the hold.
+    divide the hold. enclosure: the name of that kind of them. halves: how often a checker may halve
+    a cell (`Enclosure.halves`).
     """
 
     hold: float
@@ -103,30 +106,8 @@ class Sampling:
     under_way: tuple[tuple[float, float], ...] = ()
     law: LawCases | None = None
     steps: int = 1
-
-
-@dataclass(frozen=True)
-class _Set:
-    """States in N + C (X - c) + E and in a box; off: X - c."""
-
-    box: Row
-    nominal: Row
-    carried: list[Row]
-    rest: Row
-    off: Row
-
-    @property
-    def ends(self) -> list[Value]:
-        """All numbers but those of `off`, which stay."""
-        rows = [self.box, self.nominal, *self.carried, self.rest]
-        return _both([q for row in rows for q in row])
-
-    @staticmethod
-    def of(steps: Steps, names: Sequence[str], n: int) -> _Set:
-        """From the columns of its numbers, those of `off` last."""
-        rows = pairs(steps, names)
-        box, nominal, *carried, rest, off = (rows[k * n : (k + 1) * n] for k in range(n + 4))
-        return _Set(box, nominal, carried, rest, off)
+    enclosure: str = STANDARD
+    halves: int = 0
 
 
 class HeldFlow:
@@ -157,6 +138,7 @@ class HeldFlow:
         if self.sampling.law is not None:
             measured = {**disturbances, **parameters}
             self.law = LawRanges(self.sampling.law, self.states, self.inputs, measured)
+        self._enclosure = enclosures()[self.sampling.enclosure]
         self.errors = self.sampling.errors or (0.0,) * len(self.states)
         declared = {*self.states, *self.inputs, *disturbances, *parameters}
         if odd := symbols_of([exact(e) for e in (*rates, *constraints, *target)]) - declared:
@@ -211,7 +193,8 @@ class HeldFlow:
         n, count = len(self.states), len(low)
         if self.law is not None:
             inputs = _ends(inputs, inputs if most is None else most)
-        wide = 2 * n if self._alone else 2 * n * (n + 3)  # numbers of a set
+        changing, still = (2 * n * rows for rows in self._enclosure.sizes(n))
+        wide = 2 * n if self._alone else 4 * n + changing  # numbers of a set that a step changes
         box, holds = _ends(low, high), np.ones(count, dtype=bool)
         way_low, way_high = np.full((count, n), np.inf), np.full((count, n), -np.inf)
         last = len(self._legs) - 1, self.sampling.steps - 1
@@ -219,7 +202,7 @@ class HeldFlow:
             now = np.concatenate([box, inputs], axis=1)
             for turn in range(self.sampling.steps):
                 begins = turn == 0
-                width = wide + 2 * n + 2 + (2 * n if begins else 0)
+                width = wide + 2 * n + 2 + (still if begins else 0)
                 rows = self._leaf(leg, begins=begins).values(
                     "flow", count, width, now, self._step(leg)
                 )
@@ -294,15 +277,17 @@ class HeldFlow:
     def _flow_leaf(self, leg: int, *, begins: bool) -> Leaf:
         """Of one step: the first, which begins with a box, or a further one of a leg."""
         n, steps = len(self.states), Steps(expanded=True)
-        wide = 2 * n if begins else 2 * n * (n + 4)
+        wide = 2 * n if begins else 2 * n * (2 + sum(self._enclosure.sizes(n)))
         of_inputs = len(self.inputs) * (1 if self.law is None else 2)
         rows = [f"q{i}" for i in range(wide + of_inputs)]
         if begins:
             seen = pairs(steps, rows[:wide])
             box = seen if leg else self._with_errors(steps, seen)
-            before = self._begun(steps, box, [middle(q) for q in seen])
+            before = self._enclosure.begun(steps, box, [middle(q) for q in seen])
         else:
-            before = _Set.of(steps, rows[:wide], n)
+            ends = pairs(steps, rows[:wide])
+            first, second, *others = (ends[k : k + n] for k in range(0, len(ends), n))
+            before = self._enclosure.of(steps, first, second, others)
         ranges = self._free(steps) | self._inputs_of(steps, rows[wide:], self._legs[leg])
         (step,) = pairs(steps, ("t0", "t1"))
         after, way, sure = self._after(steps, before, ranges, step)
@@ -317,7 +302,9 @@ class HeldFlow:
         if self._alone:
             results = [*_both(after.box), *_both(way), flags[1]]
         else:
-            results = [*after.ends, *_both(way), *flags, *(_both(before.off) if begins else [])]
+            changing = [after.box, after.nominal, *after.rows()[0]]
+            still = before.rows()[1] if begins else []
+            results = [*_all(changing), *_both(way), *flags, *_all(still)]
         return Leaf(steps, {"q": rows, "t": ["t0", "t1"]}, results, frozenset("t"))
 
     def _inputs_of(self, steps: Steps, rows: Sequence[str], under_way: bool) -> Known:
@@ -329,15 +316,9 @@ class HeldFlow:
             intervals = [Interval(v, v) for v in map(steps.input, rows)]
         return {s.name: q for s, q in zip(self.inputs, intervals, strict=True)}
 
-    def _begun(self, steps: Steps, box: Row, center: Row) -> _Set:
-        zero, one = number(steps, 0.0), number(steps, 1.0)
-        carried = [[one if i == j else zero for j in range(len(box))] for i in range(len(box))]
-        off = [q - c for q, c in zip(box, center, strict=True)]
-        return _Set(box, center, carried, [zero] * len(box), off)
-
     def _after(
-        self, steps: Steps, x: _Set, ranges: Known, step: Interval
-    ) -> tuple[_Set, Row, Value]:
+        self, steps: Steps, x: Enclosure, ranges: Known, step: Interval
+    ) -> tuple[Enclosure, Row, Value]:
         """The states after a step, all on the way, and whether these are proved."""
         way, sure = self._way(steps, x.box, ranges, step)
         n = len(way)
@@ -359,29 +340,24 @@ class HeldFlow:
         offs = [q - still[name] for name, q in free.items()]
         by = [[zero if c[i] is None else c[i] for c in carried] for i in range(n)]
         w = [dot(row, offs, steps) for row in by]
-        e0 = [q + r for q, r in zip(_times(x.carried, x.off, steps), x.rest, strict=True)]
+        e0 = x.spread(steps)
         e = [q - q.copy() for q in way]  # of two states on the way
         during = Interval(steps.constant(0.0, FLOAT), step.high)
         for _ in range(2):  # all on the way from e0, by their own rates
-            moving = [q + more for q, more in zip(_times(a, e, steps), w, strict=True)]
+            moving = [q + more for q, more in zip(times(a, e, steps), w, strict=True)]
             e = [common(o, s + during * r) for o, s, r in zip(e, e0, moving, strict=True)]
-        moving = [q + more for q, more in zip(_times(a, e, steps), w, strict=True)]
+        moving = [q + more for q, more in zip(times(a, e, steps), w, strict=True)]
         m = [[(one if i == j else zero) + step * a[i][j] + half * twice[i][j] for j in range(n)]
              for i in range(n)]  # fmt: skip
-        rest = [
-            first + step * q + half * bent + sixth * last
-            for first, q, bent, last in zip(
-                _times(m, x.rest, steps), w, _times(a, w, steps), _times(twice, moving, steps),
-                strict=True,
-            )
-        ]  # fmt: skip
-        columns_of = [[row[j] for row in x.carried] for j in range(n)]
-        grown_by = [[dot(row, column, steps) for column in columns_of] for row in m]
-        ends = [
-            c + q + r for c, q, r in zip(nominal, _times(grown_by, x.off, steps), rest, strict=True)
-        ]
+        added = (
+            [step * q for q in w],
+            [half * bent for bent in times(a, w, steps)],
+            [sixth * last for last in times(twice, moving, steps)],
+        )
+        after = x.after(Motion(steps, nominal, m, added))
+        ends = after.hull(steps)
         box = [common(common(p, q), b) for p, q, b in zip(plain, ends, way, strict=True)]
-        return _Set(box, nominal, grown_by, rest, x.off), way, sure
+        return after.inside(steps, box), way, sure
 
     def _way(self, steps: Steps, x: Row, ranges: Known, step: Interval) -> tuple[Row, Value]:
         """A box of all states on the way, and whether that is proved."""
@@ -415,7 +391,7 @@ class HeldFlow:
         start, over = self._at(at, still), self._at(way, still)
         if not self._rates.smooth:
             first, during = (self._rates.of(self._rates.values(steps, k)) for k in (start, over))
-            half, bent = step.power(2) * number(steps, 0.5), _times(a, during, steps)
+            half, bent = step.power(2) * number(steps, 0.5), times(a, during, steps)
             return [q + step * r + half * b for q, r, b in zip(at, first, bent, strict=True)]
         first = self._rates.series(steps, start, self._names, 3)
         rest = self._rates.series(steps, over, self._names, 4)
@@ -498,5 +474,5 @@ def _both(row: Row) -> list[Value]:
     return [end for q in row for end in (q.low, q.high)]
 
 
-def _times(matrix: list[Row], x: Row, steps: Steps) -> Row:
-    return [dot(row, x, steps) for row in matrix]
+def _all(rows: Sequence[Row]) -> list[Value]:
+    return _both([q for row in rows for q in row])

@@ -81,7 +81,7 @@ def is_made_for(function: Callable[..., Any], system: System) -> bool:
         outputs = set(law.output_names)
         if outputs == set(system.input_names):
             return True
-        if not (outputs <= set(system.state_names) and len(outputs) == len(system.inputs)):
+        if not (outputs <= set(system.state_names) and len(outputs) <= len(system.inputs)):
             return False
         track_velocity(system, law, dict.fromkeys(outputs, 1.0))
     except DefinitionError:

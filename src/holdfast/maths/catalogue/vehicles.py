@@ -13,6 +13,7 @@ from holdfast.maths.catalogue.signature import arguments
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.vehicle_file import (
     Vehicle,
+    actuator_kinds,
     checked_vehicle,
     declared_parameters,
     optional_parameters,
@@ -48,7 +49,9 @@ def vehicle_of(name: str) -> Vehicle:
     """The file of that vehicle, checked against the system that it names."""
     shown, data = read_vehicle(name)
     function = _system(data["system"], shown)
-    return checked_vehicle(name, shown, data, needed(function), optional_parameters(function))
+    return checked_vehicle(
+        name, shown, data, needed(function), optional_parameters(function), actuator_kinds(function)
+    )
 
 
 def needed(

@@ -17,6 +17,7 @@ from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME, Parameter, Quantity
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.random_points import full_rank
 from holdfast.maths.expressions.traversal import derivatives, exchanged
 
 
@@ -78,9 +79,10 @@ def track_velocity(
     are solved from the system's own rates, and d/dt gamma is derived along them, with
     the disturbances that the law believes in. Where one gamma depends on another tracked velocity
     w', the rate that w' is given takes the place of dw'/dt. A `Switching` is treated mode by mode.
+    With more inputs than velocities, each input has its share by least squares.
 
-    Raises `DefinitionError` when the law's outputs are not states, their number differs from
-    that of the inputs, the inputs cannot be solved for, or d/dt gamma would need the answer:
+    Raises `DefinitionError` when the law's outputs are not states, there are more of them than
+    inputs, the inputs cannot be solved for, or d/dt gamma would need the answer:
     gamma depends on an input-driven state that is not tracked, or on itself in a circle; or if
     d/dt gamma is unknown: gamma varies with the law's lookup table (bang-bang velocities do so
     only where they switch).
@@ -117,11 +119,11 @@ def track_velocity(
     for name, value in gains.items():
         if not value > 0:
             raise DefinitionError(f"gain of '{name}' is {value}", expected="> 0")
-    if len(velocities) != len(system.inputs):
+    if len(velocities) > len(system.inputs):
         raise DefinitionError(
             f"law '{law.name}' gives {len(velocities)} velocities, system '{system.name}' has "
             f"{len(system.inputs)} inputs",
-            expected="as many velocities as inputs",
+            expected="at most as many velocities as inputs",
         )
     tracking = tuple(
         Parameter(f"k_{n}", "1/s", f"tracking gain of {n}", value=float(gains[n]))
@@ -131,7 +133,7 @@ def track_velocity(
     inputs = [q.symbol for q in system.inputs]
     zero = dict.fromkeys(inputs, sp.S.Zero)
     effect = sp.Matrix([[rates[n].diff(u) for u in inputs] for n in velocities])
-    if effect.free_symbols & set(inputs) or effect.det() == 0:
+    if effect.free_symbols & set(inputs) or not _regular(effect):
         raise DefinitionError(
             f"the inputs of system '{system.name}' cannot be solved for the rates of "
             + ", ".join(velocities),
@@ -141,7 +143,7 @@ def track_velocity(
         system, law, {n: g.symbol for n, g in zip(velocities, tracking, strict=True)}
     )
     driven = [wanted[n] - rates[n].xreplace(zero) for n in velocities]
-    inverse = effect.inv()
+    inverse = effect.inv() if effect.is_square else _least_squares(effect)
     solved = [
         sp.Add(*(a * b for a, b in zip(inverse.row(i), driven, strict=True) if a != 0))
         for i in range(inverse.rows)
@@ -158,6 +160,20 @@ def track_velocity(
         description=law.description,
         source="; ".join(filter(None, (law.source, "thesis (5.21), (5.22)"))),
     )
+
+
+def _regular(effect: sp.Matrix) -> bool:
+    """Whether some inputs give any rates of the velocities."""
+    return bool(effect.det() != 0) if effect.is_square else full_rank(sp.ImmutableMatrix(effect))
+
+
+def _least_squares(effect: sp.Matrix) -> sp.Matrix:
+    """E^T (E E^T)^-1, without SymPy's expansion of the entries."""
+    square = effect * effect.T
+    entries = sp.Matrix(*square.shape, lambda i, k: sp.Dummy(f"e{min(i, k)}{max(i, k)}"))
+    values = dict(zip(entries, square, strict=True))
+    inverse = (entries.adjugate() / entries.det()).xreplace(values)
+    return sp.Matrix(effect.T * inverse)
 
 
 def _believed_rates(system: System, law: Law) -> dict[str, sp.Expr]:

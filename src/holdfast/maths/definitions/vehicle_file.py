@@ -2,58 +2,55 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from holdfast.errors import HoldfastError, ScenarioError, check_name
 from holdfast.host.files import read_small_text
 from holdfast.maths.definitions.quantity import Parameter, convert, to_si
 
+if TYPE_CHECKING:
+    from holdfast.maths.definitions.actuator import ActuatorKind
+
 T = TypeVar("T")
-DECLARED, OPTIONAL = "declared_parameters", "optional_parameters"
-THRUSTERS = "thrusters"
-THRUSTER: dict[str, tuple[str, str, float]] = {
-    "x": ("m", "place ahead of the origin", -math.inf),
-    "y": ("m", "place to port of the origin", -math.inf),
-    "direction": ("rad", "where it pushes, counter-clockwise from ahead", -math.inf),
-    "ahead": ("N", "largest force along its direction", 0.0),
-    "astern": ("N", "largest force against its direction", 0.0),
-    "lag": ("s", "time constant of its force", 0.0),
-    "slew": ("N/s", "fastest change of its force", 0.0),
-}
-"""Of [thrusters.NAME]: name -> (unit, meaning, exclusive lower limit)."""
-THRUSTER_OPTIONAL = ("lag", "slew")
+DECLARED, OPTIONAL, ACTUATORS = "declared_parameters", "optional_parameters", "actuator_kinds"
+PLAIN = ("title", "system", "note", "parameters")
+"""Keys of every vehicle file. The others are tables of actuators."""
 
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A vehicle file: its title, its system, its parameters, a note, and its thrusters by name."""
+    """A vehicle file: its title, its system, its parameters, a note, and its actuators by name."""
 
     name: str
     title: str
     system: str
     parameters: Mapping[str, Parameter]
     note: str = ""
-    thrusters: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
+    actuators: Mapping[str, tuple[ActuatorKind, Mapping[str, Parameter]]] = field(
+        default_factory=dict
+    )
 
 
 def takes(
-    parameters: Mapping[str, tuple[str, str, float]], optional: Collection[str] = ()
+    parameters: Mapping[str, tuple[str, str, float]],
+    optional: Collection[str] = (),
+    actuators: Sequence[ActuatorKind] = (),
 ) -> Callable[[T], T]:
     """Mark a function that takes every number of a table as a named argument.
 
     parameters: name -> (unit, meaning, exclusive lower limit). optional: those that a vehicle may
-    lack.
+    lack. actuators: the kinds of actuators that a vehicle has tables of.
     """
 
     def mark(function: T) -> T:
         setattr(function, DECLARED, parameters)
         setattr(function, OPTIONAL, frozenset(optional))
+        setattr(function, ACTUATORS, tuple(actuators))
         return function
 
     return mark
@@ -72,6 +69,12 @@ def optional_parameters(function: Callable[..., Any]) -> Collection[str]:
     return names
 
 
+def actuator_kinds(function: Callable[..., Any]) -> Sequence[ActuatorKind]:
+    """The kinds of actuators that a vehicle of the system has."""
+    kinds: Sequence[ActuatorKind] = getattr(function, ACTUATORS, ())
+    return kinds
+
+
 def vehicle_names() -> tuple[str, ...]:
     """The vehicles shipped with the package."""
     files = resources.files("holdfast.vehicles").iterdir()
@@ -83,6 +86,7 @@ def vehicle_for(
     units: Mapping[str, tuple[str, str, float]],
     system: str = "marine_vehicle",
     optional: Collection[str] = (),
+    actuators: Sequence[ActuatorKind] = (),
 ) -> Vehicle:
     """The vehicle of that name, or of that file when the name ends in .toml.
 
@@ -94,7 +98,7 @@ def vehicle_for(
     shown, data = read_vehicle(name)
     if data["system"] != system:
         raise ScenarioError(f"{shown}: is for system {data['system']!r}", expected=f"'{system}'")
-    return checked_vehicle(name, shown, data, units, optional)
+    return checked_vehicle(name, shown, data, units, optional, actuators)
 
 
 def vehicle_text(name: str) -> tuple[str, str]:
@@ -112,16 +116,15 @@ def vehicle_text(name: str) -> tuple[str, str]:
 
 
 def read_vehicle(name: str) -> tuple[str, dict[str, Any]]:
-    """(name for messages, tables) of a vehicle; its parameters are not checked."""
+    """(name for messages, tables) of a vehicle; its tables are not checked."""
     shown, text = vehicle_text(name)
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{shown}: not a TOML file ({error})") from None
-    for key in sorted(set(data) - {"title", "system", "note", "parameters", THRUSTERS}):
-        raise ScenarioError(
-            f"{shown}: unknown key '{key}'", expected="title, system, note, parameters, thrusters"
-        )
+    for key in sorted(set(data) - set(PLAIN)):
+        if not isinstance(data[key], dict):  # what its tables are is a matter of the system
+            raise ScenarioError(f"{shown}: unknown key '{key}'", expected=", ".join(PLAIN))
     for key in ("title", "system", "parameters"):
         if key not in data:
             raise ScenarioError(f"{shown}: missing key '{key}'")
@@ -134,43 +137,38 @@ def checked_vehicle(
     data: Mapping[str, Any],
     units: Mapping[str, tuple[str, str, float]],
     optional: Collection[str] = (),
+    actuators: Sequence[ActuatorKind] = (),
 ) -> Vehicle:
     """The vehicle of these tables; its parameters are checked against those its system needs."""
-    thrusters = _thrusters(shown, data, units, optional)
-    of_vehicle = {n: u for n, u in units.items() if n not in THRUSTER}
+    kinds = {kind.table: kind for kind in actuators}
+    for key in sorted(set(data) - {*PLAIN, *kinds}):
+        raise ScenarioError(f"{shown}: unknown key '{key}'", expected=", ".join((*PLAIN, *kinds)))
+    parts = {key: tables for key, tables in data.items() if key in kinds}
+    if kinds and not parts:
+        raise ScenarioError(
+            f"{shown}: system '{data['system']}' needs actuators",
+            expected=" or ".join(f"[{table}.NAME]" for table in kinds),
+        )
+    built: dict[str, tuple[ActuatorKind, Mapping[str, Parameter]]] = {}
+    for key, tables in parts.items():
+        if not (isinstance(tables, dict) and tables):
+            raise ScenarioError(f"{shown}: {key} is {tables!r}", expected=f"[{key}.NAME]")
+        kind = kinds[key]
+        for part, table in tables.items():
+            if part in built:
+                raise ScenarioError(
+                    f"{shown}: two actuators have the name '{part}'", remedy="rename one of them"
+                )
+            numbers = checked_table(shown, f"{key}.{part}", table, kind.numbers, kind.optional)
+            built[part] = kind, numbers
     return Vehicle(
         Path(name).stem,
         str(data["title"]),
         str(data["system"]),
-        checked_table(shown, "parameters", data["parameters"], of_vehicle, optional),
+        checked_table(shown, "parameters", data["parameters"], units, optional),
         str(data.get("note", "")),
-        thrusters,
+        built,
     )
-
-
-def _thrusters(
-    shown: str,
-    data: Mapping[str, Any],
-    units: Mapping[str, tuple[str, str, float]],
-    optional: Collection[str],
-) -> dict[str, dict[str, Parameter]]:
-    """[thrusters.NAME] of a system whose table has the numbers of a thruster."""
-    takes_some = THRUSTER.keys() <= units.keys()
-    if takes_some != (THRUSTERS in data):
-        raise ScenarioError(
-            f"{shown}: system '{data['system']}' "
-            + ("needs 'thrusters'" if takes_some else "takes no 'thrusters'"),
-            expected="[thrusters.NAME] with " + ", ".join(THRUSTER) if takes_some else "",
-        )
-    if not takes_some:
-        return {}
-    tables = data[THRUSTERS]
-    if not (isinstance(tables, dict) and tables):
-        raise ScenarioError(f"{shown}: thrusters is {tables!r}", expected="[thrusters.NAME]")
-    return {
-        name: checked_table(shown, f"thrusters.{name}", table, THRUSTER, THRUSTER_OPTIONAL)
-        for name, table in tables.items()
-    }
 
 
 def checked_table(

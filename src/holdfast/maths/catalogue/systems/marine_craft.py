@@ -1,4 +1,4 @@
-"""Any marine craft on the plane: its inertia and damping matrices, and fixed thrusters."""
+"""Any marine craft on the plane: its inertia and damping matrices, and its actuators."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import replace
 
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError
+from holdfast.maths.catalogue import actuators
 from holdfast.maths.catalogue.systems.planar_craft import CURRENT, STATES, planar_craft
-from holdfast.maths.definitions.extension import LAG, SLEW
-from holdfast.maths.definitions.quantity import Parameter, Quantity
+from holdfast.maths.definitions.actuator import INPUTS, Actuator, ActuatorKind
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.thruster import INPUTS, Thruster
-from holdfast.maths.definitions.vehicle_file import THRUSTER, overridden, takes, vehicle_for
+from holdfast.maths.definitions.vehicle_file import overridden, takes, vehicle_for
 
 _ANY, _POSITIVE = -math.inf, 0.0
 
@@ -31,26 +31,31 @@ PARAMETERS: dict[str, tuple[str, str, float]] = {
     "Xuuu": ("N s^3/m^3", "surge drag by u^3", _ANY),
     "Yv": ("N s/m", "linear sway drag (negative)", _ANY),
     "Yvv": ("N s^2/m^2", "sway force by |v| v", _ANY),
+    "Yvvv": ("N s^3/m^3", "sway force by v^3", _ANY),
     "Yr": ("N s", "sway force by r", _ANY),
     "Yrv": ("N s^2/m", "sway force by |r| v", _ANY),
     "Yvr": ("N s^2/m", "sway force by |v| r", _ANY),
     "Yrr": ("N s^2", "sway force by |r| r", _ANY),
+    "Yuv": ("N s^2/m^2", "sway force by |u| v", _ANY),
+    "Yur": ("N s^2/m", "sway force by |u| r", _ANY),
     "Nr": ("N m s", "linear yaw drag (negative)", _ANY),
     "Nrr": ("N m s^2", "yaw moment by |r| r", _ANY),
     "Nv": ("N s", "yaw moment by v", _ANY),
     "Nvv": ("N s^2/m", "yaw moment by |v| v", _ANY),
     "Nrv": ("N s^2", "yaw moment by |r| v", _ANY),
     "Nvr": ("N s^2", "yaw moment by |v| r", _ANY),
+    "Nuv": ("N s^2/m", "yaw moment by |u| v", _ANY),
+    "Nur": ("N s^2", "yaw moment by |u| r", _ANY),
     "current_limit": ("m/s", "largest speed of the current", _ANY),
 }
-"""Name -> (unit, meaning, exclusive lower limit) of every number but those of thrusters."""
+"""Name -> (unit, meaning, exclusive lower limit) of every number but those of actuators."""
 
 REQUIRED = ("mass", "Iz", "Xudot", "Yvdot", "Nrdot", "Xu", "Yv", "Nr", "current_limit")
 OPTIONAL = tuple(n for n in PARAMETERS if n not in REQUIRED)
-LIMITS = ("ahead", "astern")
+LATE = ("lag", "slew")
 
 
-@takes({**PARAMETERS, **THRUSTER}, optional=OPTIONAL)
+@takes(PARAMETERS, optional=OPTIONAL, actuators=actuators.ALL)
 @checked
 def marine_craft(vehicle: str = "otter", **overrides: float) -> System:
     """A marine craft on the plane by its matrices, in a uniform current.
@@ -67,64 +72,75 @@ def marine_craft(vehicle: str = "otter", **overrides: float) -> System:
     table for z down holds as it is but for the y and the directions of its thrusters.
 
     Inputs: tau_u [N], tau_r [N m] and, where the thrusters can choose it, tau_v [N], in the set
-    that the thrusters produce (`actuation`). Each thruster of the file stands at x, y, pushes along
-    its direction from -astern to ahead, and may have a lag and a slew, which act in
-    `hf.lagged(craft)`. Rudders and turning thrusters are no thrusters of this system.
+    that fixed thrusters produce; with an actuator of another kind, the inputs of every actuator
+    (`actuation`). The kinds are those of `holdfast.maths.catalogue.actuators`: thrusters that push
+    along a direction, azimuth thrusters, rudders. A lag and a slew act in `hf.lagged(craft)`.
 
     `vehicle` names a shipped vehicle or a vehicle file; `overrides` replaces numbers by name (SI
-    units, see `PARAMETERS`; of thruster NAME: NAME_ahead, NAME_astern, NAME_lag, NAME_slew).
-    Raises `ScenarioError` for an unknown vehicle or name, `DefinitionError` for thrusters that give
+    units, see `PARAMETERS`; of actuator NAME: NAME_ahead, NAME_limit, NAME_lag and so on).
+    Raises `ScenarioError` for an unknown vehicle or name, `DefinitionError` for actuators that give
     no surge force or no yaw moment, and for an M that is not positive definite.
     """
-    craft = vehicle_for(vehicle, {**PARAMETERS, **THRUSTER}, "marine_craft", OPTIONAL)
+    craft = vehicle_for(vehicle, PARAMETERS, "marine_craft", OPTIONAL, actuators.ALL)
     numbers = dict(craft.parameters)
     for name in set(overrides) & set(OPTIONAL) - set(numbers):
         unit, meaning, above = PARAMETERS[name]
         numbers[name] = Parameter(name, unit, meaning, value=1.0, above=above)
-    for name, table in craft.thrusters.items():
+    for name, (kind, table) in craft.actuators.items():
         _check_name(vehicle, name)
-        numbers |= _of_thruster(name, table)
+        numbers |= _parameters(name, kind, table)
     numbers = overridden(numbers, overrides, "marine_craft")
     _check_inertia(vehicle, {n: p.value for n, p in numbers.items()})
-    thrusters = [
-        Thruster(
-            name,
-            t["x"].value,
-            t["y"].value,
-            t["direction"].value,
-            *(numbers[f"{name}_{side}"].symbol for side in LIMITS),
-        )
-        for name, t in craft.thrusters.items()
-    ]
+    parts = [_built(name, kind, table) for name, (kind, table) in craft.actuators.items()]
     order = [*PARAMETERS, *(n for n in numbers if n not in PARAMETERS)]
     return planar_craft(
         "marine_craft",
         (numbers[n] for n in order if n in numbers),
-        thrusters,
-        description=f"marine craft by its matrices, thrusters {', '.join(craft.thrusters)}",
+        parts,
+        description=f"marine craft by its matrices, {_listed(craft.actuators)}",
         source="Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2021",
     )
 
 
+def _listed(parts: Mapping[str, tuple[ActuatorKind, object]]) -> str:
+    """thrusters port, starboard"""
+    kinds = {kind.table: kind.noun + "s" for kind, _ in parts.values()}
+    return "; ".join(
+        f"{nouns} {', '.join(name for name, (kind, _) in parts.items() if kind.table == table)}"
+        for table, nouns in kinds.items()
+    )
+
+
 def _check_name(vehicle: str, name: str) -> None:
-    """Refuse a thruster whose name means something else, or cannot be a name."""
+    """Refuse an actuator whose name means something else, or cannot be a name."""
     Quantity(name)
     if name in (*PARAMETERS, *(q.name for q in (*STATES, *CURRENT, *INPUTS))):
         raise ScenarioError(
-            f"vehicle '{vehicle}': '{name}' cannot name a thruster: it is a state, an input or a "
+            f"vehicle '{vehicle}': '{name}' cannot name an actuator: it is a state, an input or a "
             "parameter of the craft",
             remedy="rename it, such as aft_port",
         )
 
 
-def _of_thruster(name: str, table: Mapping[str, Parameter]) -> dict[str, Parameter]:
-    """The numbers of a thruster that are parameters of the system, by their names there."""
-    names = {side: f"{name}_{side}" for side in LIMITS} | {"lag": name + LAG, "slew": name + SLEW}
+def _parameters(
+    name: str, kind: ActuatorKind, table: Mapping[str, Parameter]
+) -> dict[str, Parameter]:
+    """The numbers of an actuator that are parameters of the system, by their names there."""
     return {
-        names[key]: replace(p, name=names[key], description=f"{p.description}, {name}")
+        full: replace(p, name=full, description=f"{p.description}, {name}")
         for key, p in table.items()
-        if key in names
+        if key not in kind.fixed and (full := f"{name}_{key}")
     }
+
+
+def _built(name: str, kind: ActuatorKind, table: Mapping[str, Parameter]) -> Actuator:
+    """The actuator, of the places of its file and the symbols of its parameters."""
+    values = {
+        key: p.value if key in kind.fixed else symbol(f"{name}_{key}")
+        for key, p in table.items()
+        if key not in LATE
+    }
+    return kind.build(name, **values)
 
 
 def _check_inertia(vehicle: str, p: Mapping[str, float]) -> None:

@@ -7,10 +7,10 @@ import math
 import sympy as sp
 
 from holdfast.arguments import checked
+from holdfast.maths.catalogue.actuators.thruster import thruster
 from holdfast.maths.catalogue.systems.planar_craft import planar_craft
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.thruster import Thruster
 from holdfast.maths.definitions.vehicle_file import overridden, takes, vehicle_for
 
 _ANY, _POSITIVE = -math.inf, 0.0
@@ -78,8 +78,8 @@ def marine_vehicle(
         "marine_vehicle",
         (parameters[n] for n in PARAMETERS if n in parameters),
         (
-            Thruster("port", sp.S.Zero, arm, 0.0, limit, astern),
-            Thruster("starboard", sp.S.Zero, -arm, 0.0, limit, astern),
+            thruster("port", sp.S.Zero, arm, 0.0, limit, astern),
+            thruster("starboard", sp.S.Zero, -arm, 0.0, limit, astern),
         ),
         description="underactuated marine vehicle, two aft thrusters, in a current",
         source="thesis (7.2) as printed" if as_printed else "thesis (5.14), (5.15), (5.30)",

@@ -1,4 +1,4 @@
-"""The one model of every marine craft on the plane: inertia, Coriolis force, damping, thrusters."""
+"""The one model of every marine craft on the plane: inertia, Coriolis force, damping, actuators."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from functools import cache
 
 import sympy as sp
 
+from holdfast.maths.definitions.actuator import Actuator, actuation
 from holdfast.maths.definitions.bounds import Ball
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.system import PfaffianRow, System
-from holdfast.maths.definitions.thruster import Thruster, actuation
 from holdfast.maths.expressions.functions import magnitude
 
 AXES = ("u", "v", "r")
@@ -28,8 +28,8 @@ CURRENT = (
 )
 DAMPING = {
     "u": ("Xu", "Xuu", "Xuuu"),
-    "v": ("Yv", "Yvv", "Yr", "Yrv", "Yvr", "Yrr"),
-    "r": ("Nr", "Nrr", "Nv", "Nvv", "Nrv", "Nvr"),
+    "v": ("Yv", "Yvv", "Yvvv", "Yr", "Yrv", "Yvr", "Yrr", "Yuv", "Yur"),
+    "r": ("Nr", "Nrr", "Nv", "Nvv", "Nrv", "Nvr", "Nuv", "Nur"),
 }
 """Axis -> coefficients of its damping: of s (Xs), |a| b (Xab) and s^3 (Xsss)."""
 
@@ -37,7 +37,7 @@ DAMPING = {
 def planar_craft(
     name: str,
     parameters: Iterable[Parameter],
-    thrusters: Sequence[Thruster],
+    actuators: Sequence[Actuator],
     description: str,
     source: str,
     extra: Mapping[str, sp.Expr] | None = None,
@@ -46,14 +46,14 @@ def planar_craft(
 
     Without a sway force of its own the craft has the Pfaffian row (5.15) of the thesis. A term
     whose parameter is absent is left out. extra: further forces [N, N m] on each axis.
-    Raises `DefinitionError` for thrusters that give no surge or no moment (`actuation`).
+    Raises `DefinitionError` for actuators that give no surge or no moment (`actuation`).
     """
     parameters = tuple(parameters)
     declared = {q.name for q in parameters}
     psi, u, v, r = (symbol(n) for n in ("psi", *AXES))
     vx, vy = (q.symbol for q in CURRENT)
     sin, cos = sp.sin(psi), sp.cos(psi)
-    produced = actuation(thrusters)
+    produced = actuation(actuators)
     inertia = inertia_matrix(declared)
     turning = coriolis_force(inertia)
     more = extra or {}
@@ -80,7 +80,7 @@ def planar_craft(
         parameters=parameters,
         input_bounds=produced.bounds,
         disturbance_bounds=Ball(symbol("current_limit"), 2),
-        pfaffian=() if len(produced.inputs) == len(AXES) else (across,),
+        pfaffian=() if produced.full else (across,),
         description=description,
         source=source,
     )
