@@ -158,3 +158,65 @@ def test_function_with_a_result_returns_it_on_every_way():
 def test_functions_of_other_values_are_for_python_alone():
     known = read(f"{HEAD}def room(n: int) -> tuple[int, int]:\n    return n, {{}}\n")
     assert not known.functions
+
+
+FIXED = """
+def both(a: Floats, n: int) -> float:
+    total = 0.0
+    if shape.doubled or n > 3:
+        total = 2.0
+    if not shape.doubled and n > 0:
+        total += 100.0
+    for k in each(shape.count):
+        if shape.used[k]:
+            total += a[k + at.first]
+    return total
+"""
+
+
+@pytest.mark.parametrize(
+    ("doubled", "used", "n", "expected"),
+    [(True, (1, 0, 1), 0, 2 + 5 + 7), (False, (0, 1, 0), 1, 100 + 6), (False, (0, 0, 0), 4, 102)],
+)
+def test_a_text_is_read_for_what_is_fixed(doubled, used, n, expected):
+    """Branches that are decided are taken, loops of a fixed number of turns are written out."""
+    fixed = {"shape.doubled": doubled, "shape.count": 3, "shape.used": used, "at.first": 1}
+    library = read(FIXED, fixed)
+    machine = compiled_text(scalars_text(library, ["both"]))
+    function = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_int64)(
+        machine.address("both")
+    )
+    a = np.array([0.0, 5.0, 6.0, 7.0])
+    assert function(a.ctypes.data, n) == expected
+    printed = scalars_c(library, ["both"])
+    assert "for" not in printed
+    assert ("n > 3" in printed) is not doubled
+    assert ("n > 0" in printed) is not doubled
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("for k in each(n):\n        leaf('rates', out=0)", "the turns are not fixed: each"),
+        ("leaf('rates', to=4)", "no places of a leaf: to"),
+        ("leaf('rates', out=shape.unknown)", "no expression of a scalar function"),
+    ],
+)
+def test_what_is_not_fixed_is_refused(line, said):
+    text = f"def some(w: Floats, leaves: Wholes, n: int):\n    {line}\n"
+    with pytest.raises(SyntaxError, match=said):
+        read(text, {"shape.known": 1})
+
+
+def test_leaves_are_called_by_name_number_and_place():
+    text = (
+        "def some(w: Floats, s: Wholes, leaves: Wholes, stop: Wholes):\n"
+        "    for k in each(1, 3):\n"
+        "        leaf('law', k, q=at.q, out=at.u + k)\n"
+        "    part(names.look_up, s, w, 7)\n"
+    )
+    library = read(text, {"at.q": 8, "at.u": 16, "names.look_up": "look"})
+    assert library.called(["some"]) == ["law1", "law2", "look"]
+    printed = scalars_c(library, ["some"])
+    assert "leaf_law2(w + 0, w + 8, w + 0, w + 0, w + 18);" in printed
+    assert "hf_look(s, w, 7);" in printed

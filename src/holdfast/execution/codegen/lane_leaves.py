@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from holdfast.execution.arithmetic.basics import greatest, least
 from holdfast.execution.arithmetic.elementary import logarithm, power, sine_and_cosine
@@ -155,15 +156,39 @@ def made(results: Results, **rows: int) -> Leaf:
     """The leaf with these results of arrays with so many rows."""
     steps = Steps(expanded=True)
     names = {array: [f"{array}{i}" for i in range(rows.get(array, 0))] for array in "tqxp"}
-    values = {
-        array: [steps.input(name) for name in row_names] for array, row_names in names.items()
-    }
+    values = {array: _Inputs(steps, row_names) for array, row_names in names.items()}
     return Leaf(steps, names, results(steps, values))
+
+
+class _Inputs(Sequence[Value]):
+    """Rows that become inputs of the steps when they are asked for: a leaf reads few of many."""
+
+    def __init__(self, steps: Steps, names: Sequence[str]) -> None:
+        self.steps, self.names = steps, names
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __getitem__(self, place: Any) -> Any:
+        if isinstance(place, slice):
+            return _Inputs(self.steps, self.names[place])
+        return self.steps.input(self.names[place])
+
+
+class _Clock(dict[str, Value]):
+    """The rows of the clock by their names."""
+
+    def __init__(self, rows: Sequence[Value]) -> None:
+        super().__init__()
+        self.rows = rows
+
+    def __missing__(self, name: str) -> Value:
+        return self.rows[CLOCK.index(name)]
 
 
 def clock(values: Rows) -> dict[str, Value]:
     """The rows of the clock by their names."""
-    return dict(zip(CLOCK, values["t"], strict=True))
+    return _Clock(values["t"])
 
 
 def flag(condition: Value) -> Value:
@@ -597,7 +622,9 @@ def mode_leaves(
 
 def _switching(values: Rows) -> dict[str, Value]:
     named = dict(zip(SWITCHES, values["q"], strict=True))
-    return clock(values) | named | dict(zip(TURNS, values["x"], strict=True))
+    at = clock(values)
+    at.update({**named, **dict(zip(TURNS, values["x"], strict=True))})
+    return at
 
 
 def _in_modes(mode: Value, alive: Value, modes: int) -> list[Value]:
