@@ -256,14 +256,6 @@ def test_variables_are_named_by_what_they_are():
 
 
 ARRAYS = {"Array", "AnyArray", "Wholes", "Ranks", "Truths", "Floats", "Table", "DoubleArray"}
-BEING_REWRITTEN = {
-    "analysis/reachability/divided_march.py", "analysis/reachability/march_part.py",
-    "analysis/reachability/one_march.py", "analysis/reachability/posed_march.py",
-    "execution/level_set/device_sweeping.py", "execution/level_set/march.py",
-    "execution/level_set/refined_march.py", "execution/level_set/slab.py",
-    "execution/level_set/sweeping.py", "execution/simulation/device_runs.py",
-}  # fmt: skip
-"""Modules whose functions do not all say their shapes yet: a list that may only become shorter."""
 
 COUNTED = r"(\.\.\.|\w[\w\s^*+/()-]*)"
 SHAPE = re.compile(rf"\(({COUNTED},\s*)+{COUNTED}?\)|(any|same) shape")
@@ -312,8 +304,7 @@ def without_shapes(text):
 def test_functions_of_arrays_say_their_shapes():
     for path in FILES:
         names = sorted(without_shapes(path.read_text("utf-8")))
-        module = path.relative_to(SOURCE).as_posix()
-        assert bool(names) == (module in BEING_REWRITTEN), (module, names)
+        assert not names, (path.relative_to(SOURCE).as_posix(), names)
 
 
 @pytest.mark.parametrize(
@@ -342,8 +333,9 @@ def test_types_of_arrays_have_few_names():
     home = set(names.pop("execution/arrays.py"))
     assert home == ARRAYS - {"DoubleArray"}
     elsewhere = {module for module, some in names.items() if some}
-    assert elsewhere <= BEING_REWRITTEN | {
+    assert elsewhere <= {
         "analysis/reachability/stored_values.py", "analysis/reachability/value_function.py",
-        "execution/level_set/stage_leaf.py", "execution/simulation/blocks.py",
-        "execution/simulation/closed_loop.py",
+        "execution/level_set/march.py", "execution/level_set/refined_march.py",
+        "execution/level_set/stage_leaf.py", "execution/level_set/sweeping.py",
+        "execution/simulation/blocks.py", "execution/simulation/closed_loop.py",
     }  # fmt: skip

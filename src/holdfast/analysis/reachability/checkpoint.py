@@ -98,7 +98,8 @@ class PartFiles:
 
 
 def write_part(generation: Path, first: int, arrays: Mapping[str, Array]) -> Written:
-    """Write the arrays of a part whose own nodes begin at place `first` of the first axis."""
+    """Write the arrays of a part whose own nodes begin at place `first` of the first axis; each is
+    flat, shape (nodes of the part,)."""
     for name, values in arrays.items():
         path = _file(generation, first, name)
         try:
@@ -179,8 +180,8 @@ class Resumable(Protocol):
         """The time [s] up to which arrivals are recorded."""
 
     def arrays(self, room: Room) -> dict[str, Array]:
-        """The values and the records over the grid; those of a divided march are brought together
-        in the room."""
+        """The values and the records over the grid, each of shape (nodes,); those of a divided
+        march are brought together in the room."""
 
     def write(self, generation: Path) -> list[Written]:
         """Write what is held into the folder of a generation of a checkpoint."""

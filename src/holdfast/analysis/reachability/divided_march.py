@@ -88,13 +88,15 @@ class MarchPart(PosedMarch):
         self._part, self._stages, self._threads = part, stages, threads
 
     def begin(self, facts: Facts, least: Array | None = None) -> Facts:
-        """As `start_with`, with the march of the part."""
+        """As `start_with`, with the march of the part. least: at all nodes of the grid, shape
+        (nodes,), or that of the grid."""
         grid = self.posed.grid
         self.steps = march_of(self.posed, self._h, grid, planes=self.planes, threads=self._threads)
         return self.start_with(facts, self.steps, least)
 
     def fastest(self, times: Sequence[float]) -> tuple[Array, float]:
-        """The largest speeds at these times t, and the largest sum of them over the steps."""
+        """The largest speeds at these times t, shape (axes,), and the largest sum of them over the
+        steps."""
         return self.steps.fastest(times)
 
     def open(self) -> None:
@@ -131,7 +133,7 @@ class MarchPart(PosedMarch):
         return {name: str(array.dtype) for name, array in self.held().items()}
 
     def piece(self, name: str, first: int, last: int) -> Array:
-        """Some of the values of one of them."""
+        """Some of the values of one of them, shape (last - first,)."""
         return self.held()[name][first:last]
 
 
@@ -164,7 +166,8 @@ class Workplace(Protocol):
 
 
 class DividedMarch:
-    """As `PosedMarch`, from its parts."""
+    """As `PosedMarch`, from its parts. begin: values at all nodes of the grid, shape (nodes,), or
+    that of the grid."""
 
     divided = True
 
@@ -192,7 +195,8 @@ class DividedMarch:
         return codes.pop()
 
     def _fastest(self, times: Sequence[float]) -> tuple[Array, float]:
-        """The largest speeds along every axis at times t, and the largest sum over the steps."""
+        """The largest speeds along every axis at times t, shape (axes,), and the largest sum over
+        the steps."""
         speeds, totals = zip(*self._parts.ask(MarchPart.fastest, times), strict=True)
         return np.max(speeds, axis=0), max(totals)
 
@@ -248,13 +252,14 @@ class DividedMarch:
         return self._parts.ask_one(0, MarchPart.recorded)
 
     def arrays(self, room: Room) -> dict[str, Array]:
+        """The values and the records of all parts, each of shape (nodes,)."""
         kinds = self._parts.ask_one(0, MarchPart.kinds)
         nodes = self._posed.grid.nodes
         plane = nodes // self._posed.grid.axes[0].count
         whole = {name: room.empty(nodes, kind) for name, kind in kinds.items()}
         for k, part in enumerate(self._parts.parts):
             places = part.planes.own_nodes
-            count = (places.stop - places.start) * plane
+            count = (places.stop - places.start) * plane  # planes follow one another in memory
             for name, array in whole.items():
                 for first in range(0, count, NODES_FETCHED_AT_ONCE):
                     last = min(first + NODES_FETCHED_AT_ONCE, count)

@@ -219,7 +219,10 @@ def _axis(
 
 
 def largest_change(values: Array) -> float:
-    """The largest difference between neighbours, at the nodes in the set or next to it."""
+    """The largest difference between neighbours, at the nodes in the set or next to it.
+
+    values: shape (some of the first axis, nodes of the others, ...).
+    """
 
     def largest(ahead: Array, behind: Array) -> float:
         near = (ahead > 0) | (behind > 0)

@@ -454,7 +454,7 @@ def marched(
     """The value at the end of the march, with what it is worth.
 
     h: the Hamiltonian of the problem. begin: values at the nodes that it begins with, where they
-    are less than those of the problem.
+    are less than those of the problem, shape (nodes,), or that of the grid.
     """
     check_fits(posed)
     if posed.marching.symmetry is not None:
@@ -508,7 +508,7 @@ def marched_to_rest(
     """As `marched`, of a scheme that stands still only where the equation does.
 
     A march that `until` ended has no other beside it. progress: half of it is that of the first
-    march, which may be the only one.
+    march, which may be the only one. begin: shape (nodes,), or that of the grid.
     """
     if not posed.marched_twice:
         return marched(posed, h, progress, begin, until)

@@ -104,10 +104,11 @@ def check_start(posed: Posed, facts: Facts) -> None:
 
 
 class Obstacles:
-    """start, lower, upper: values at every node of some planes of the grid, flat, at the beginning
-    of the march; if they depend on time, `refresh` writes those of a time into lower and upper.
+    """start, lower, upper: values at every node of some planes of the grid, shape (nodes,), at the
+    beginning of the march; if they depend on time, `refresh` writes those of a time into lower and
+    upper.
 
-    highest: bound of all values at them, without the halo. room: an array of so many values.
+    highest: bound of all values at them, without the halo. room: of a count an array (count,).
     """
 
     def __init__(self, posed: Posed, planes: Planes, room: Callable[[int], Array]) -> None:
@@ -156,7 +157,8 @@ class Obstacles:
 
     def falls(self, highest: float) -> Array:
         """How steeply the margin falls beyond the lower and the upper end of every axis, at most
-        [its unit per unit of the state], over nodes that are lost, and down to what.
+        [its unit per unit of the state], over nodes that are lost, and down to what: a row of each
+        axis, shape (axes, 4).
 
         So the value falls beyond an end (`stencils.py`) as on a grid that is wider by `WIDER`.
         highest: the highest start value, as far below zero as which it falls at most.
@@ -279,7 +281,11 @@ NODES_LOOKED_AT_AT_ONCE = 1 << 20
 
 
 class Record:
-    """Filled at every one of `stops` [s]; `arrays` and `restore` carry it over an interruption."""
+    """Filled at every one of `stops` [s]; `arrays` and `restore` carry it over an interruption.
+
+    first: the start value at the nodes of the record, shape (nodes,). at_times, arrival: arrays of
+    this shape.
+    """
 
     def __init__(self, posed: Posed, first: Array, room: Room) -> None:
         self.posed, self._room = posed, room
@@ -294,6 +300,7 @@ class Record:
         self.keep(0.0, first)
 
     def keep(self, time: float, values: Array) -> None:
+        """Take down the values of a time [s], shape (nodes,)."""
         if self.posed.several and time in self.posed.asked:
             self.at_times[time] = self._room.copy(values)
         if self.arrival is not None and time > self.then:
@@ -306,7 +313,7 @@ class Record:
             self.then = time
 
     def arrays(self) -> dict[str, Array]:
-        """All that is kept so far."""
+        """All that is kept so far, each of shape (nodes,)."""
         records: dict[str, Array] = {named(t): v for t, v in self.at_times.items()}
         if self.arrival is not None:
             records |= {"arrival": self.arrival, "before": self.before}
@@ -365,7 +372,7 @@ RATE_TIMES = 9
 @dataclass(frozen=True)
 class StartFacts:
     """Of a start value, for `March`. rate: how fast it changes at most [its unit per second], where
-    the march is filtered; falls: how it falls beyond the ends of every axis."""
+    the march is filtered; falls: how it falls beyond the ends of every axis, shape (axes, 4)."""
 
     rate: float = math.inf
     falls: Array | None = None
@@ -382,7 +389,8 @@ def march_of(
     start: StartFacts = StartFacts(),
     fastest: Callable[[Sequence[float]], tuple[Array, float]] | None = None,
 ) -> March:
-    """The march of a problem over a grid, or over some planes of it; cut, fastest: of `March`."""
+    """The march of a problem over a grid, or over some planes of it; cut, fastest: of `March`, of
+    which `fastest` gives speeds of the shape (axes,)."""
     marching = posed.marching
     axes, kinds = [a.nodes for a in grid.axes], [a.ends for a in grid.axes]
     if planes is not None and not planes.whole:
@@ -429,7 +437,8 @@ def _cut(shape: Sequence[int], nodes: int) -> tuple[int, int, int, int]:
 
 
 def reflected(posed: Posed, planes: Planes) -> list[npt.NDArray[np.int64]] | None:
-    """The place of every node's reflection along each axis, where there is a symmetry."""
+    """The place of every node's reflection along each axis, where there is a symmetry: of each the
+    shape (nodes of the axis,)."""
     signs = posed.marching.symmetry
     if signs is None:
         return None
@@ -449,7 +458,8 @@ def start_rate(posed: Posed, h: Hamiltonian, planes: Planes, start: npt.NDArray[
 
     with the largest speeds c_i at the node and the flatter of the slopes at both sides of it, at
     the nodes in the set or next to it. No value that begins with this one changes faster, where
-    nothing depends on time. Of what does, the rates of `RATE_TIMES` times count.
+    nothing depends on time. Of what does, the rates of `RATE_TIMES` times count. start: shape
+    (nodes,) of all planes that are held, the halo included.
     """
     grid = posed.grid
     axes = [grid.axes[0].nodes[planes.nodes], *(a.nodes for a in grid.axes[1:])]
@@ -581,7 +591,7 @@ class PosedMarch:
         return start_rate(self.posed, self._h, self.planes, self._obstacles.start)
 
     def falls(self, highest: float) -> Array:
-        """How the start value falls beyond the ends of the grid, of `March`.
+        """How the start value falls beyond the ends of the grid, of `March`, shape (axes, 4).
 
         highest: the highest start value, as far below zero as which it falls at most.
         """
@@ -592,7 +602,8 @@ class PosedMarch:
     ) -> Facts:
         """The start value, from what is known of it over the grid; what is known of it here.
 
-        least: values that it begins with where they are less.
+        least: values that it begins with where they are less, at all nodes of the grid, shape
+        (nodes,), or that of the grid.
         """
         obstacles, posed = self._obstacles, self.posed
         self.start = obstacles.begin(facts)
@@ -653,7 +664,7 @@ class PosedMarch:
         return values[inner.start * self._plane : inner.stop * self._plane]
 
     def now(self) -> Array:
-        """Those at its own nodes."""
+        """Those at its own nodes, shape (own nodes,)."""
         return self._mine(self._all())
 
     def keep(self, time: float) -> None:
@@ -682,11 +693,11 @@ class PosedMarch:
         )
 
     def held(self) -> dict[str, Array]:
-        """All that the march depends on and has recorded, at its own nodes."""
+        """All that the march depends on and has recorded, each of shape (own nodes,)."""
         return {"values": self.now(), **self.record.arrays()}
 
     def arrays(self, room: Room) -> dict[str, Array]:
-        """The same: a march that goes on overwrites them."""
+        """The same, each of shape (own nodes,): a march that goes on overwrites them."""
         return self.held()
 
     def recorded(self) -> float:
@@ -713,7 +724,8 @@ class PosedMarch:
 def march_here(posed: Posed, base: Grid, h: Hamiltonian, begin: Array | None = None) -> PosedMarch:
     """The march of a problem over its whole grid, which is refined from another one, or is it.
 
-    begin: values that it begins with where they are less than those of the problem.
+    begin: values that it begins with where they are less than those of the problem, shape (nodes,),
+    or that of the grid.
     """
     planes = Planes.all_of(posed.grid.axes[0].count)
     values = PosedMarch(posed, h, planes, room_of(posed))

@@ -7,7 +7,31 @@ the last axis or on outer axes; and MOST_ROWS, the rows of a unit. Functions wit
 leaves (`device_sweeping.py`).
 
 A unit is some whole rows of the last axis, or a stretch of one. It is computed where something that
-it depends on has changed, by one block of threads, which shares what depends on its rows.
+it depends on has changed, by one block of threads, which shares what depends on its rows. All
+arrays have one dimension; what a leaf has of one begins at the node or the row that it is asked
+for. In `node` the values are numbers, and no arrays:
+
+    values, base, before    (size,)                     nodes, the last axis is the fastest
+    lower, upper, out       (size,)
+    active, marks           (units,)                    flags: computed in this stage, in the next
+    later                   (later_count * units,)      flags of the stages after the next
+    grid                    (4 * AXES + 4,)             as `stage_of` says
+    counts                  (3,)
+    axes                    (AXES * pitch,)             the nodes of every axis
+    axis                    (nodes,)                    those of the last
+    w                       (AXES,)                     states: of the last axis one, else of a row
+    u                       (1 + parameters + AXES,)
+    numbers                 (FALLS + 4 * AXES,)         in the order of `names_of_numbers`
+    falls                   (4 * AXES,)                 the last of these, from an axis on
+    table, along            (along * nodes,)            `nodes` apart: a row for each number
+    row, of_row             (MOST_ROWS * (NUMBERS_OF_ROW + 1),)     MOST_ROWS apart, shared
+    n                       (2 * GHOSTS + 1,)
+    below, above            (AXES,)                     slopes, and plain differences likewise
+    plain_below             (AXES,)
+    plain_above             (AXES,)
+    answer, verdicts        (2,)
+    places                  (AXES * pitch,)             of each axis where the reflected node is
+    chosen                  (many,)                     places along an axis
 """
 
 # ruff: noqa: F403, F405

@@ -131,7 +131,10 @@ def _node(parsed: Scalars, stage: Stage, real: str, rows: int) -> str:
 
 
 class DeviceSweeping(StagesHere):
-    """As `Sweeping`, with arrays of the device. Values come to the host when they are asked for."""
+    """As `Sweeping`, with arrays of the device. Values come to the host when they are asked for.
+
+    values, upper, lower: (nodes,). flags: as of `MarchArrays`.
+    """
 
     def __init__(
         self,
@@ -163,6 +166,7 @@ class DeviceSweeping(StagesHere):
         self._axes = self._xp.asarray(march.axes)
         self._pitch = np.int64(march.axes.shape[1])
         self._nodes = int(march.shape[-1])
+        # A row for each number, so that threads of nodes side by side read numbers side by side.
         self._table = self._xp.zeros(max(self._along, 1) * self._nodes, dtype=values.dtype)
         self._fold = _DeviceFold(march.fold, self._xp) if march.fold is not None else None
 
@@ -219,7 +223,7 @@ class DeviceSweeping(StagesHere):
         return first_not_finite(self._device.fetched(self._out))
 
     def values(self) -> Array:
-        """The values at the nodes, between two steps, on the host."""
+        """The values at the nodes, shape (nodes,), between two steps, on the host."""
         return self._device.fetched(self._whole())
 
     def largest(self) -> float:
@@ -256,7 +260,7 @@ class _DeviceFold(Fold):
 
 
 def _grid(shape: Sequence[int], cut: Sequence[int], kinds: Array) -> Array:
-    """What the kernels have to know of a grid (`device_sweep.py`)."""
+    """What the kernels have to know of a grid (`device_sweep.py`), shape (4 * axes + 4,)."""
     n = len(shape)
     nodes = [math.prod(shape[i + 1 :]) for i in range(n)]
     local = cut[1] * cut[2]

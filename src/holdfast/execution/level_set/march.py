@@ -69,11 +69,12 @@ class AtTime(Protocol):
     """An expression at the nodes of a grid."""
 
     def __call__(self, time: float, of: slice = ALL) -> npt.NDArray[Any]:
-        """At a time, at all nodes or at some that follow one another."""
+        """At a time, at all nodes or at some that follow one another, shape (nodes,)."""
 
 
 class OverGrid:
-    """Expressions of states, parameters and time on a grid; `symbols` are those of the axes."""
+    """Expressions of states, parameters and time on a grid; `symbols` are those of the axes, whose
+    nodes are `axes`, each of shape (nodes of the axis,)."""
 
     def __init__(
         self,
@@ -90,16 +91,18 @@ class OverGrid:
         while inner > 0 and math.prod(len(a) for a in axes[inner - 1 :]) <= TOGETHER:
             inner -= 1
         self._outer = axes[:inner]
+        # Inner axes stand in w once for all parts; of the outer ones a part has one place each.
         within = np.meshgrid(*axes[inner:], indexing="ij")
         self._nodes = within[0].size
         self._w = np.zeros((len(axes), padded(self._nodes)))
         for row, values in zip(self._w[inner:], within, strict=True):
+            # A leaf computes whole registers: what stands behind the nodes repeats the last.
             row[: self._nodes], row[self._nodes :] = values.ravel(), values.ravel()[-1]
         self.size = self._nodes * math.prod(len(a) for a in self._outer)
 
     def parts(self, time: float, of: slice = ALL) -> Iterator[tuple[slice, Doubles]]:
         """Nodes that follow one another, of the grid or of some of its nodes, and the expressions
-        at these; they are overwritten with the next."""
+        at these, shape (expressions, nodes); they are overwritten with the next."""
         u, out = self._u.copy(), np.empty((self._count, self._w.shape[1]))
         u[0] = time
         first, last, _ = of.indices(self.size)
@@ -132,9 +135,10 @@ def over_grid(
     precision: str = "float64",
     room: Callable[[int], npt.NDArray[Any]] | None = None,
 ) -> AtTime:
-    """At a time: the expression at every node, or at some, flat, cut off at +-band.
+    """At a time: the expression at every node, or at some, shape (nodes,), cut off at +-band.
 
-    `symbols` are those of the axes. room: gives an array of the values at every node.
+    `symbols` are those of the axes; axes: each (nodes of the axis,). room: of a count of nodes an
+    array (nodes,).
     """
     values = OverGrid([expression], symbols, parameters, axes)
 
@@ -156,7 +160,8 @@ def over_grid(
 class Fastest:
     """The largest speed along every axis, and the largest sum of them over the steps.
 
-    A speed that is NaN at a node is NaN over the grid.
+    A speed that is NaN at a node is NaN over the grid. axes: each (nodes of the axis,); steps:
+    (axes,).
     """
 
     def __init__(
@@ -172,7 +177,7 @@ class Fastest:
         self._values, self._steps = OverGrid(speeds, symbols, parameters, some), steps
 
     def at(self, times: Sequence[float]) -> tuple[Doubles, float]:
-        """Over these times."""
+        """Over these times; the largest speeds have the shape (axes,)."""
         largest, total = np.zeros(len(self._steps)), 0.0
         for instant in times:
             for _, part in self._values.parts(instant):
@@ -182,7 +187,10 @@ class Fastest:
 
 
 def padded_rows(axes: Sequence[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
-    """The nodes of every axis as the rows of one array."""
+    """The nodes of every axis as the rows of one array, shape (axes, nodes of the longest).
+
+    A sweep takes one address for all axes, and the length of a row.
+    """
     rows = np.zeros((len(axes), max(len(a) for a in axes)))
     for row, axis in zip(rows, axes, strict=True):
         row[: len(axis)] = axis
@@ -246,7 +254,8 @@ class MarchLeaves:
         )
 
     def found(self, *, lower: bool, upper: bool) -> tuple[Numbers, Numbers, Numbers]:
-        """The addresses of leaves, with a stage and one that measures; the sizes of a sweep."""
+        """The addresses of leaves, with a stage and one that measures, shape (4,); the sizes of a
+        sweep, shape (6,)."""
         stage, scheme = self.stage(lower=lower, upper=upper), self._scheme
         of_scheme = {}
         if not scheme.one_slope:
@@ -254,7 +263,7 @@ class MarchLeaves:
         self._leaves = compiled_leaves({**self._rates.leaves, **of_scheme})  # they hold the code
         self._stage = compiled_leaves(stage.leaves())
         of = {**self._leaves.addresses, **self._stage.addresses}
-        plain, measured = (
+        plain, measured = (  # in the order in which `sweep.py` reads them, as the sizes are
             np.array([of["along"], of["rows"], of[name], of.get("scheme", 0)])
             for name in ("stage", "measured")
         )
@@ -410,7 +419,11 @@ which of the times it has come to."""
 
 
 class March:
-    """Compiled sweeps of one Hamiltonian over one grid."""
+    """Compiled sweeps of one Hamiltonian over one grid.
+
+    axes: their nodes in rows, shape (axes, nodes of the longest); shape, kinds, steps, speeds:
+    (axes,); cut: (4,), as `layout` says.
+    """
 
     def __init__(
         self,
@@ -434,16 +447,19 @@ class March:
         leeway: tuple[float, float] = (0.0, 0.0),
         falls: Array | None = None,
     ) -> None:
-        """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
-        at which place of it the node is that always has the same value; half is computed then.
+        """axes: each (nodes of the axis,).
+        clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
+        at which place of it the node is that always has the same value, shape (nodes of the axis,);
+        half is computed then.
         device: where the stages are carried out, if not by the threads of this machine.
         cut: the units of the last two axes, where they are not those of `layout`. fastest: the
-        largest speeds at times t, and the largest sum of them over the steps, from elsewhere.
+        largest speeds at times t, shape (axes,), and the largest sum of them over the steps, from
+        elsewhere.
         filtered: whether the rate of a scheme of high order is held close to that of a monotone
         step (`stage_leaf.py`). start_rate: the largest rate of the start value, for that.
         leeway: for that, the share of it by which rates may be apart, and how much a kink counts.
         falls: of every axis, how steeply what a set is kept within falls beyond
-        the lower and the upper end [its unit per unit of the state], and down to what.
+        the lower and the upper end [its unit per unit of the state], and down to what: (axes, 4).
         """
         scheme = self.scheme = schemes()[method.scheme]
         self.precision, self.device = precision, device
@@ -476,6 +492,7 @@ class March:
         self.share, self.bent = leeway
         self.leeway = self.share * start_rate if filtered else math.inf
         ends = np.zeros((len(axes), 4)) if falls is None else falls
+        # One row (axes,) for each of the four: a stage has its numbers of all axes side by side.
         self.falls = [*(ends[:, :2].T * self.steps), *ends[:, 2:].T]
 
     @property
@@ -511,7 +528,7 @@ class March:
         return self.method.cfl * self.method.steps.lengths / total if total > 0 else math.inf
 
     def _speed(self, i: int, tau: float) -> Array:
-        """The largest speed along an axis at every node."""
+        """The largest speed along an axis at every node, in the shape of the grid."""
         at = over_grid(
             self.hamiltonian.speeds[i],
             [q.symbol for q in self.hamiltonian.system.states],
@@ -567,7 +584,8 @@ class March:
         lower: Array | None = None,
         within: Within = ANYWHERE,
     ) -> Done:
-        """March `values` (flat; changed in place) to each of `times`."""
+        """March `values` (changed in place) to each of `times`; they and the bounds at nodes have
+        the shape (nodes,)."""
         done = Done()
         sweeping, advances = self.sweeping(values, upper, lower)
         with sweeping:
@@ -627,7 +645,8 @@ class March:
         room: Room | None = None,
         bounds: Bounds | None = None,
     ) -> tuple[Sweeping | DeviceSweeping, Advances]:
-        """What holds the values of a march and carries out its stages. bounds: those that move."""
+        """What holds the values of a march, shape (nodes,) as upper and lower, and carries out its
+        stages. bounds: those that move."""
         sweeping: Sweeping | DeviceSweeping
         if self.device is not None:
             sweeping = DeviceSweeping(self, self.device, values, upper, lower, bounds)
@@ -637,11 +656,13 @@ class March:
         return sweeping, partial(self.advances, sweeping, bounds is not None)
 
     def u(self, tau: float) -> Array:
-        """What is the same at all nodes: the time, the parameters, the largest speeds."""
+        """What is the same at all nodes: the time, the parameters, the largest speeds, shape
+        (1 + parameters + axes,)."""
         return np.concatenate([[self._time(tau)], self.p, self.speeds])
 
     def numbers(self, dt: float, weight: float, within: Within) -> Array:
-        """Those of a stage of a step of dt (`stage_leaf.py`)."""
+        """Those of a stage of a step of dt, shape (8 + 6 * axes,), in the order of
+        `names_of_numbers` (`stage_leaf.py`)."""
         per_axis = (0.5 / self.steps, self.steps, *self.falls)
         of_filter = (self.leeway, self.share, self.bent)
         of_step = (dt * self.method.steps.share, weight, *within)

@@ -17,7 +17,16 @@ beyond an end of the grid is continued from the nodes of one grid.
 
 A fine grid has all nodes of a coarse one, and one more between two of them. Along the last axis a
 block is a stretch of a row, a unit of a sweep. What is done with the nodes of blocks
-(`block_sweep.py`) is machine code, run by threads.
+(`block_sweep.py`) is machine code, run by threads. The code has an address of each array, so that
+flags of blocks have a byte each and follow one another as the blocks do, the last axis fastest:
+
+    values, upper, lower    (nodes,)                of a grid, at all of its nodes
+    chosen                  (blocks of an axis, ...)    flags, with an axis for each of the grid
+    crossed                 (blocks of an axis, ...)    bits, as `block_sweep.py` has them
+    units                   (units,)                flags
+    coarse                  (nodes of the coarser grid,)
+    before, now             (nodes of the coarser grid,)
+    out                     (nodes,)
 """
 
 from __future__ import annotations
@@ -64,7 +73,7 @@ class Level(MarchArrays):
         values: Array,
         bounds: tuple[Array | None, Array | None],
     ) -> None:
-        """bounds: upper and lower, at every node."""
+        """values and bounds, upper and lower, have the shape (nodes,)."""
         super().__init__(march, values, *bounds, np.empty_like)
         self.within = ANYWHERE
 
@@ -122,14 +131,16 @@ class Blocks:
         """Axes around which the last block has fewer nodes: the one after it is near, too."""
 
     def wider(self, chosen: Flags, axes: int | None = None) -> Flags:
-        """The chosen blocks and their neighbours along the first axes, diagonal ones too."""
+        """The chosen blocks and their neighbours along the first axes, diagonal ones too, in the
+        same shape."""
         wide = chosen
         for i in range(len(self.shape) if axes is None else axes):
             wide = wide | self._shifted(wide, i, 1) | self._shifted(wide, i, -1)
         return wide
 
     def beside(self, chosen: Flags) -> Flags:
-        """The blocks next to the chosen ones along an axis that are not chosen."""
+        """The blocks next to the chosen ones along an axis that are not chosen, in the same
+        shape."""
         near = np.zeros_like(chosen)
         for i in range(len(self.shape)):
             near |= self._shifted(chosen, i, 1) | self._shifted(chosen, i, -1)
@@ -152,7 +163,7 @@ class Blocks:
         return shifted
 
     def near(self, chosen: Flags, crossed: Bits) -> Flags:
-        """The blocks near a change of the sign of a value.
+        """The blocks near a change of the sign of a value, in the same shape.
 
         crossed: where it changes in every block (`BlockTasks.crossed`): anywhere, in the first or
         the last nodes along the last axis. In other directions all blocks beside it are near.
@@ -175,12 +186,14 @@ class Blocks:
         return extended
 
     def units(self, chosen: Flags) -> npt.NDArray[np.uint8]:
-        """1 for the units of a sweep that are in chosen blocks; a unit is a stretch of a row."""
+        """1 for the units of a sweep that are in chosen blocks, shape (units,); a unit is a stretch
+        of a row."""
         of = [*self._blocks_of[:-1], np.arange(self.counts[-1])]
         return chosen[np.ix_(*of)].astype(np.uint8).ravel()
 
     def thinned(self, values: Array) -> Array:
-        """The values of the fine grid at the nodes of the coarse one."""
+        """The values of the fine grid at the nodes of the coarse one, in the shape of the latter:
+        (nodes of an axis, ...)."""
         return values.reshape(self.shape)[(slice(None, None, RATIO),) * len(self.shape)]
 
     def count(self, chosen: Flags) -> int:
@@ -217,6 +230,7 @@ class BlockCode:
     def function(self, name: str, sizes: Sequence[int]) -> Callable[..., None]:
         """One of them for blocks of so many nodes along each axis, as `Workers.run` calls it."""
         code, counts_too = self._functions[name], name == ENTRIES[-1]
+        # For every thread its own: `room` and `rows` in `block_sweep.py`.
         wholes, values = 8 * len(sizes) + 2, (2 ** (len(sizes) - 1) + 2) * (sizes[-1] + 2)
 
         def called(turn: Numbers, slices: Numbers, *arguments: Any) -> None:
@@ -241,6 +255,7 @@ class BlockTasks:
 
     def __init__(self, blocks: Blocks, workers: Workers, precision: str) -> None:
         self._blocks, self._workers, self._code = blocks, workers, block_code(precision)
+        # Five numbers of every axis, one kind after the other: `of` in `block_sweep.py`.
         self._of = np.array([*blocks.shape, *blocks.coarse, *blocks.sizes, *blocks.counts,
                              *blocks.periodic], dtype=np.int64)  # fmt: skip
 
@@ -273,14 +288,16 @@ class BlockTasks:
         """The chosen blocks from the lesser of two values on the coarser grid, within bounds.
 
         It is linear along every axis, and at the nodes of the coarser grid that of this grid.
-        bounds: upper and lower, at every node.
+        targets, bounds (upper and lower): each (nodes,).
+        coarse: each (nodes of the coarser grid,).
         """
         to = np.array([address(t) for t in targets], dtype=np.int64)
         limits = (0 if a is None else address(a) for a in bounds)
         self._of_chosen("fill", chosen, *map(address, coarse), address(to), len(to), *limits)
 
     def crossed(self, chosen: Flags, values: Numbers, coarse: Numbers, reach: int) -> Bits:
-        """Where the sign of a value changes in every block, as `Blocks.near` reads it.
+        """Where the sign of a value changes in every block, as `Blocks.near` reads it, in the shape
+        of the chosen ones.
 
         In the chosen blocks the value is that of their grid, in others that of the coarser one.
         """
@@ -339,7 +356,8 @@ class RefinedMarch:
         room: Room | None = None,
         bounds: Bounds | None = None,
     ) -> tuple[RefinedSweeping, Advances]:
-        """As `March.sweeping`, in memory, of bounds that do not move."""
+        """As `March.sweeping`, in memory, of bounds that do not move; values and bounds have the
+        shape (nodes,) of the finest grid."""
         sweeping = RefinedSweeping(self, values, upper, lower)
         return sweeping, sweeping.advances
 
@@ -407,7 +425,7 @@ class RefinedSweeping:
             yield end
 
     def values(self) -> Array:
-        """The values at all nodes of the finest grid, between two intervals."""
+        """The values at all nodes of the finest grid, shape (nodes,), between two intervals."""
         return self._finest.whole()
 
     def largest(self) -> float:
@@ -426,6 +444,7 @@ class _Base:
 
     @property
     def values(self) -> Array:
+        """At all nodes of this grid, shape (nodes,)."""
         return self.level.arrays[0]
 
     def advance(self, start: float, length: float) -> None:
@@ -508,7 +527,7 @@ class _Pair:
         done.fixed = speed == 0.0 and not (level.flags[0] & units).any()
 
     def whole(self) -> Array:
-        """The values at all nodes of this grid."""
+        """The values at all nodes of this grid, shape (nodes,)."""
         coarse = self.coarser.values
         self.tasks.fill(~self.chosen, [self.values], (coarse, coarse), self.level.kept)
         return self.values

@@ -89,18 +89,20 @@ class Part:
 
     @cached_property
     def layers(self) -> Places:
-        """Which layer of the grid every one of its layers is, those of the halo included."""
+        """Which layer of the grid every one of its layers is, those of the halo included, shape
+        (layers,)."""
         return np.arange(self.first - self.before, self.last + self.after) % self.of.count
 
     @cached_property
     def starts(self) -> Places:
-        """The first of its nodes along the axis in each of its layers, and the end."""
+        """The first of its nodes along the axis in each of its layers, and the end, shape
+        (layers + 1,)."""
         left = np.minimum(self.of.thick, self.of.nodes - self.layers * self.of.thick)
         return np.concatenate([[0], np.cumsum(left)])
 
     @cached_property
     def nodes(self) -> Places:
-        """Which place of the axis each of its nodes along it is at."""
+        """Which place of the axis each of its nodes along it is at, shape (planes,)."""
         wide = np.diff(self.starts)
         return np.concatenate(
             [np.arange(w) + k * self.of.thick for k, w in zip(self.layers, wide, strict=True)]
@@ -162,7 +164,9 @@ def check_cut(of: Layers, name: str, reflected: bool) -> None:
 @dataclass(frozen=True)
 class Edges:
     """What a part hands over to another. marked: layers of the grid, and for each of them the units
-    to be computed again, in every stage; values: of the layers in which a node has changed."""
+    to be computed again, in every stage, and those that have changed: flags, shape (marked, rows of
+    flags, units of a layer); values: of the layers in which a node has changed, each of shape
+    (nodes of the layer,)."""
 
     marked: Sequence[int]
     flags: Flags
@@ -180,8 +184,9 @@ class Edges:
 
 
 class Slab(Sweeping):
-    """stages: from an exchange of halos to the next, one or those of a whole step. The last of
-    the rows of flags has the units that have changed in the last of these."""
+    """values, upper, lower: at the nodes of the part and its halo, shape (nodes,). stages: from an
+    exchange of halos to the next, one or those of a whole step. The last of the rows of flags has
+    the units that have changed in the last of these."""
 
     def __init__(
         self,
@@ -197,6 +202,7 @@ class Slab(Sweeping):
         super().__init__(march, values, upper, lower, room, bounds)
         assert march.units == len(part.layers) * part.of.units
         self.part, self._stages = part, stages
+        # What has changed stands behind the flags: a sweep marks rows that follow one another.
         self._rows = np.ones((max(self.stages, 2) + 1, march.units), dtype=np.uint8)
         self.flags = self._rows[:-1]
         self._layer = len(values) // int(part.starts[-1])  # nodes at a place of the axis
@@ -204,6 +210,7 @@ class Slab(Sweeping):
         self._latest = 0
 
     def marks(self, s: int) -> tuple[Flags, Flags, Flags]:
+        """As of any, (units,) twice and (later, units), with what has changed among the latter."""
         here, there, later = super().marks(s)
         return here, there, self._rows[1:] if len(later) else self._rows[-1:]
 
@@ -231,7 +238,7 @@ class Slab(Sweeping):
         return counts
 
     def own_values(self, array: Array | None = None) -> Array:
-        """Those of the part without its halo."""
+        """Those of the part without its halo, shape (own nodes,); array: (nodes,)."""
         inner = self.part.planes.own
         array = self.values() if array is None else array
         return array[inner.start * self._layer : inner.stop * self._layer]

@@ -16,7 +16,7 @@ All arrays have one dimension; n is the number of axes, and `SweepCode.room` has
     cut                         (4,)                 of `layout`
     leaves, sizes               (4,), (6,)
     u                           (1 + parameters + n,)
-    numbers                     (FALLS + 4 * n,)     in the order of `names_of_numbers`
+    numbers                     (FALLS + 6 * n,)     in the order of `names_of_numbers`
     axes                        (n * axis_pitch,)    the nodes of every axis
     axis                        (nodes,)             those of the last
     bits                        (WORDS,)             one for each node of a run

@@ -13,6 +13,13 @@ what it depends on has been, and overwritten when nothing depends on it any more
 are those of its time in every stage, and a symmetry reflects a plane onto itself.
 
 Half of a grid may tell the other half: which units are computed, and what is copied.
+
+    values, upper, lower    (nodes,)                of the planes held, the last axis is the fastest
+    u                       (1 + parameters + axes,)
+    numbers                 (8 + 6 * axes,)         those of a stage, as `names_of_numbers` says
+    turn, counter, other    (1,)
+    slices                  (slices + 1,)           the places that they begin at, and the end
+    counts                  (3,)                    units computed, nodes not finite, largest move
 """
 
 from __future__ import annotations
@@ -47,10 +54,13 @@ Chosen = npt.NDArray[np.bool_]
 class Fold:
     """The grid folded along `axis`, the first that is reflected.
 
-    places: for every axis, at which place of it the reflected node is. There are as many units in
-    a row of the grid, and in a stretch of its last axis, as `cut` says (`sweep.layout`).
-    needed: places along `axis` that are not computed, but that the computed ones reach; rest: all
-    that are not computed. Units are those at a place of the axes before, where all is alike.
+    places: for every axis, at which place of it the reflected node is, shape (nodes of the axis,);
+    here they are rows of one array, shape (axes, nodes of the longest), since a sweep takes one
+    address. There are as many units in a row of the grid, and in a stretch of its last axis, as
+    `cut` says (`layout`). needed: places along `axis` that are not computed, but that the computed
+    ones reach, shape (needed,); rest: all that are not computed, shape (rest,). Units are those at
+    a place of the axes before, where all is alike: computed has the shape (units,), near (near,) as
+    each of the images.
     """
 
     def __init__(
@@ -93,7 +103,8 @@ class Fold:
         ]
 
     def narrow(self, active: Flags) -> None:
-        """Of the units to be computed those of this half; at some places of the axes before it.
+        """Of the units to be computed, shape (units,), those of this half; at some places of the
+        axes before it.
 
         What changes near the fold changes its image beyond it, which reaches the images, on this
         side, of the units that it reaches itself.
@@ -114,7 +125,7 @@ def first_reflected(places: Sequence[Places]) -> int:
 def halves(places: Places, ghosts: int, around: bool) -> tuple[Chosen, Chosen]:
     """Of the places along a folded axis those that are computed, and all that these read.
 
-    places: those that its nodes are reflected to.
+    places: those that its nodes are reflected to. All three have the shape (nodes of the axis,).
     """
     mine = np.arange(len(places)) <= places
     return mine, _within(mine, ghosts, around)
@@ -203,7 +214,7 @@ class SweepCode:
             wholes, reals = np.zeros(room[0], dtype=np.int64), np.zeros(room[1])
             values = np.zeros(room[2] + LINE // self.kind.itemsize, dtype=self.kind)
             self._held.room, self._held.arrays = room, (wholes, reals, values)
-            aligned = -(-address(values) // LINE) * LINE
+            aligned = -(-address(values) // LINE) * LINE  # values begin with a line
             self._held.places = (address(wholes), address(reals), aligned)
         places: tuple[int, int, int] = self._held.places
         return places
@@ -212,7 +223,8 @@ class SweepCode:
         self, turn: Numbers, slices: Numbers, values: Numbers, shape: Numbers, places: Numbers,
         axis: int, chosen: Numbers, counts: Numbers,
     ) -> None:  # fmt: skip
-        """Values at the chosen places along an axis, from the nodes that they reflect."""
+        """Values at the chosen places along an axis, (chosen,), from the nodes that they reflect.
+        shape: (axes,); places: (axes, nodes of the longest)."""
         self._mirror(
             *_shared(turn, slices), address(values), len(values), address(shape), len(shape),
             address(places), places.shape[1], axis, address(chosen), len(chosen),
@@ -230,6 +242,7 @@ def sweep_code(precision: str, *, one_slope: bool) -> SweepCode:
 
 
 def address(array: Numbers) -> int:
+    """Of an array of any shape, whose numbers follow one another."""
     return int(array.ctypes.data)
 
 
@@ -260,7 +273,8 @@ def layout(
 @dataclass(frozen=True)
 class Planes:
     """Of the planes of the first axis of a grid those that are held together. nodes: the places
-    along the axis that they are at; own: those of them that are no halo; count: of the grid."""
+    along the axis that they are at, (planes,); own: those of them that are no halo; count: of the
+    grid."""
 
     nodes: Places
     own: slice
@@ -336,7 +350,7 @@ class Workers:
                 other.go.release()
 
     def run(self, function: Callable[..., None], *arguments: Any) -> Counts:
-        """The sums of the first two that they count, the largest of the third."""
+        """The sums of the first two that they count, the largest of the third, shape (3,)."""
 
         def job() -> Counts:
             counts = np.zeros(3)
@@ -413,11 +427,13 @@ class HasLeaves(Protocol):
         """The arithmetic of a stage; lower, upper: whether there are such bounds at nodes."""
 
     def found(self, *, lower: bool, upper: bool) -> tuple[Places, Places, Places]:
-        """The addresses of leaves, with a stage and one that measures; the sizes of a sweep."""
+        """The addresses of leaves, with a stage and one that measures, shape (4,); the sizes of a
+        sweep, shape (6,)."""
 
 
 class Marched(Protocol):
-    """What the holder of its values reads of a march (`march.py`)."""
+    """What the holder of its values reads of a march (`march.py`). axes: (axes, nodes of the
+    longest); shape, kinds: (axes,); cut: (4,)."""
 
     code: SweepCode
     scheme: Scheme
@@ -443,7 +459,8 @@ class Marched(Protocol):
 
 class MarchArrays:
     """arrays[0] are the values at the beginning of a step and at its end, the others those of its
-    stages. flags: of every stage the units that are to be computed.
+    stages, each (nodes,). flags: of every stage the units that are to be computed, shape (stages,
+    units), of a single stage (2, units).
 
     What is in no unit that is computed stays as it is, in every array.
     """
@@ -461,6 +478,7 @@ class MarchArrays:
         """upper, lower: bounds at every node. another: gives the arrays for values of stages."""
         stages = march.method.stages
         self.march, self.stages = march, stages
+        # The last of several stages reads the beginning at its own node alone, and overwrites it.
         self.arrays = [values, *(another(values) for _ in range(max(stages - 1, 1)))]
         self.flags = np.ones((max(stages, 2), march.units), dtype=np.uint8)
         plain, measured, self.sizes = march.leaves.found(
@@ -471,17 +489,18 @@ class MarchArrays:
         self._room = march.code.room(march.shape.tolist(), march.cut.tolist(), self.sizes.tolist())
 
     def out(self, s: int) -> Array:
-        """What comes out of a stage."""
+        """What comes out of a stage, shape (nodes,)."""
         return self.arrays[(s + 1) % len(self.arrays)]
 
     def marks(self, s: int) -> tuple[Flags, Flags, Flags]:
-        """The units to be computed in a stage, those in the next, and which of the later ones."""
+        """The units to be computed in a stage, those in the next, both (units,), and which of the
+        later ones, (later, units)."""
         flags, stages = self.flags, self.stages
         last = s == stages - 1
         return flags[s], flags[(s + 1) % len(flags)], flags[1:stages] if last else flags[:0]
 
     def swept(self, workers: Workers, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
-        """A stage of the units at the places that the workers share."""
+        """A stage of the units at the places that the workers share; counts of the shape (3,)."""
         march, arrays, out = self.march, self.arrays, self.out(s)
         here, there, later = self.marks(s)
         before = arrays[0] if self.stages == 1 else out
@@ -517,8 +536,8 @@ class Bounds(Protocol):
 @dataclass(frozen=True)
 class StageOrder:
     """s: which stage of a step; u: what is the same at all nodes; numbers, measures: as a stage
-    takes them. time: that of the bounds at nodes from this stage on, where they move; again:
-    whether everything is computed, also what is settled."""
+    takes them, of the shapes in the table of this module. time: that of the bounds at nodes from
+    this stage on, where they move; again: whether everything is computed, also what is settled."""
 
     s: int
     u: Array
@@ -671,7 +690,7 @@ class Sweeping(StagesHere, MarchArrays):
         return first_not_finite(self._out)
 
     def values(self) -> Array:
-        """The values at the nodes, between two steps; they change with the next."""
+        """The values at the nodes, shape (nodes,), between two steps; they change with the next."""
         if self.march.fold is not None:
             self._mirror(self.arrays[0], self.march.fold.rest)
         return self.arrays[0]
@@ -697,7 +716,7 @@ def on_one_side(values: Array, limit: str) -> bool:
 
 
 def not_finite(values: Array) -> Array:
-    """Where values of either precision are no number, or as good as infinite."""
+    """Where values of either precision are no number, or as good as infinite, shape (nodes,)."""
     return ~(np.abs(values) < np.float64(INFINITE))
 
 

@@ -88,7 +88,8 @@ def simulate_on(
     first: int,
     progress: Progress | None,
 ) -> None:
-    """Fill `result`; `first`: the number of the first run among those that share the seed."""
+    """Fill `result`; `first`: the number of the first run among those that share the seed. starts:
+    shape (runs, states)."""
     shape = shape_of(program, width=1)
     layout = Layout(shape)
     varied_at, noted = _places(layout, numbers)
@@ -116,6 +117,7 @@ def simulate_on(
         per_run[:n], per_run[n] = starts[part].T, first + np.arange(part.start, part.stop)
         per_run[n + 1 : n + 1 + of_plant] = numbers.own_plant[part].T
         per_run[n + 1 + of_plant :] = numbers.own_gains[part].T
+        # Runs are the fastest axis of all that a thread has in an array of all runs.
         log = xp.zeros((records, layout.record, many))
         notes = xp.zeros((len(noted), many))
         room = xp.zeros((max(rings, 1), many))

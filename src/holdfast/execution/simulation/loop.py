@@ -16,8 +16,15 @@ number is written out. Functions that a block is handed to from outside are
 and of a law that others hand a command: holdfast_measure, holdfast_control, holdfast_record,
 holdfast_move; `simulate` is whole runs, for a device on which each has a thread of its own.
 
-w are the numbers of a block in rows of one number for each run (a lane), shape (rows, width); s its
-whole numbers; leaves the addresses of leaves and parts; stop[0] is 1 when somebody stops the loop.
+w are the numbers of a block in rows of one number for each run (a lane); s its whole numbers;
+leaves the addresses of leaves and parts; stop[0] is 1 when somebody stops the loop. All arrays have
+one dimension:
+
+    w           (rows * width,)     the lanes of a row side by side: a register takes several
+    s           (entries,)          as `layout.py` says
+    leaves      (leaves,)
+    stop        (1,)
+
 What may differ between the lanes, such as the mode, an exit or the length of a step, is a row. No
 value of a lane depends on another lane. Guards of modes are tried in order, and the turns counted;
 constraints are looked at more closely inside a step for their peaks and crossings.
