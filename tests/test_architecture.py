@@ -335,7 +335,8 @@ def test_types_of_arrays_have_few_names():
     elsewhere = {module for module, some in names.items() if some}
     assert elsewhere <= {
         "analysis/reachability/stored_values.py", "analysis/reachability/value_function.py",
-        "execution/level_set/march.py", "execution/level_set/refined_march.py",
+        "execution/level_set/fold.py", "execution/level_set/march.py",
+        "execution/level_set/refined_march.py",
         "execution/level_set/stage_leaf.py", "execution/level_set/sweeping.py",
         "execution/simulation/blocks.py", "execution/simulation/closed_loop.py",
     }  # fmt: skip

@@ -25,9 +25,10 @@ from holdfast.analysis.reachability.divided_march import MarchPart, layers_of
 from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import OutputError, SlowWarning
+from holdfast.execution.level_set.fold import halves
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.slab import Part
-from holdfast.execution.level_set.sweeping import ANYWHERE, StageOrder, halves, streams
+from holdfast.execution.level_set.sweeping import ANYWHERE, StageOrder, streams
 from holdfast.execution.resources import Disk, available_cores, total_memory
 from holdfast.maths.games.hamiltonian import Hamiltonian
 

@@ -24,12 +24,12 @@ from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.execution.codegen.scalar_reader import Scalars, read
 from holdfast.execution.device.program import Device
+from holdfast.execution.level_set.fold import Fold
 from holdfast.execution.level_set.schemes import Scheme
 from holdfast.execution.level_set.stage_leaf import Stage, names_of_numbers
 from holdfast.execution.level_set.sweeping import (
     Bounds,
     Counts,
-    Fold,
     Marched,
     StageOrder,
     StagesHere,

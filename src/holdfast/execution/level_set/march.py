@@ -40,12 +40,12 @@ from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.device.program import Device
 from holdfast.execution.leaf import Leaves, compiled_leaves, padded
 from holdfast.execution.level_set.device_sweeping import DeviceSweeping, device_layout
+from holdfast.execution.level_set.fold import Fold
 from holdfast.execution.level_set.schemes import Scheme, schemes
 from holdfast.execution.level_set.stage_leaf import Stage, rate_leaves
 from holdfast.execution.level_set.sweeping import (
     ANYWHERE,
     Bounds,
-    Fold,
     StageOrder,
     Stages,
     Streaming,

@@ -21,11 +21,10 @@ import numpy as np
 
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
+from holdfast.execution.level_set.fold import Flags, Places
 from holdfast.execution.level_set.sweeping import (
     Bounds,
     Counts,
-    Flags,
-    Places,
     Planes,
     StageOrder,
     Sweeping,
