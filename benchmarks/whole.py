@@ -67,9 +67,11 @@ class Record:
         self.failures = 0
 
     def passed(self, name: str, here: bool = True) -> bool:
-        """Whether a test has passed or was skipped: at this commit, or at any."""
+        """Whether a test has passed or was skipped: at this commit, or at any. Of files that were
+        changed since a commit nothing is known."""
         verdict = self.data["tests"].get(name, "failed")
-        return not verdict.startswith("failed") and (not here or verdict.endswith(self.commit))
+        at_commit = not self.commit.endswith("+") and verdict.endswith(self.commit)
+        return not verdict.startswith("failed") and (not here or at_commit)
 
     def retain(self, names: list[str]) -> None:
         """The verdicts of tests that are there no more go."""
