@@ -148,8 +148,11 @@ def test_options_replace_what_the_scenario_asks():
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("certificate.uncertain={mess=[1, 2]}", "unknown name 'mess'; did you mean 'mass'"),
-        ("certificate.errors={mass=1}", "certificate.errors: unknown name 'mass'"),
+        (
+            "certificate.uncertain={mess=[1, 2]}",
+            "certificate.uncertain.mess: unknown name; did you mean 'mass'",
+        ),
+        ("certificate.errors={mass=1}", "certificate.errors.mass: unknown name"),
         ("certificate.sample_time='2 m'", "the unit 'm' does not fit; expected 's'"),
         ("certificate.cell=3", "certificate.cell: unknown key; did you mean 'cells'"),
         ("certificate.halvings=-1", "certificate.halvings"),

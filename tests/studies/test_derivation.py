@@ -119,7 +119,7 @@ UNICYCLE_IN_A_CURRENT = """
 name = "boat"
 states = { x = { unit = "m" }, y = { unit = "m" }, psi = { unit = "rad", angle = true } }
 inputs = { u = { unit = "m/s" }, r = { unit = "rad/s" } }
-disturbances = { Vx = { unit = "m/s" }, Vy = { unit = "m/s" } }
+disturbances = { Vx = { unit = "m/s", role = "current" }, Vy = { unit = "m/s", role = "current" } }
 rates = { x = "u*cos(psi) + Vx", y = "u*sin(psi) + Vy", psi = "r" }
 [[system.pfaffian]]
 coefficients = { x = "-sin(psi)", y = "cos(psi)" }

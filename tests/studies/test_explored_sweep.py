@@ -16,7 +16,7 @@ from tests.scenario_files import CART, DRIFTING
 pytestmark = needs_browser
 
 IN_A_CURRENT = (
-    DRIFTING.replace("w = {", "Vx = {").replace("v + w", "v + Vx").replace('w = "push"', "Vx = -0.1")
+    DRIFTING.replace("w = {", 'Vx = { role = "current",').replace("v + w", "v + Vx").replace('w = "push"', "Vx = -0.1")
     .replace('[varied.draws]\npush = { range = [0.0, 0.3], unit = "m/s" }\n', "")
 )  # fmt: skip
 

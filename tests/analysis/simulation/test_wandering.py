@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import holdfast as hf
+from holdfast.maths.expressions.functions import wiener
+from holdfast.scenario.kinds.closed_loop import no_rest, resting_places
 from tests.devices import needs_cpp
 
 x, u = hf.symbol("x"), hf.symbol("u")
@@ -17,7 +20,7 @@ def walker():
         {"x": hf.symbol("dx"), "y": u + hf.symbol("dy")},
         disturbances=(hf.Quantity("dx", "m/s"), hf.Quantity("dy", "m/s")),
         parameters=(hf.Parameter("roughness", "m/s^1.5", value=0.3),),
-        input_bounds=hf.Box((-1,), (1,)),
+        input_bounds=hf.Box((-9,), (9,)),
     )  # fmt: skip
 
 
@@ -76,6 +79,36 @@ def test_a_law_that_measures_the_disturbance_measures_the_process(walker):
     assert np.abs(data["state"].values[:, -1, 0]).min() > 1e-3
 
 
+def test_a_law_that_sees_a_process_late_is_refused(walker):
+    against = hf.Law("against", (*walker.states, walker.disturbances[1]), {"u": -hf.symbol("dy")})
+    with pytest.raises(hf.HoldfastError, match="a stochastic process, and sees it late"):
+        walked(walker, against, runs=2, delay=0.3)
+
+
+def test_a_process_is_that_of_its_disturbance_whatever_the_others_have(walker, still):
+    both = walked(walker, still, runs=5)["disturbance"].values
+    alone = walked(walker, still, runs=5, disturbance={"dy": hf.wiener_process(0.2)})
+    np.testing.assert_array_equal(both[:, :, 1], alone["disturbance"].values[:, :, 1])
+
+
+def test_the_intensity_may_be_drawn(walker, still):
+    drawn = hf.Varied(draws={"roughness": (0.1, 0.5)})
+    data = walked(walker, still, runs=500, varied=drawn)
+    ends, roughness = data["disturbance"].values[:, -1, 0], data["varied"].values[:, 0]
+    scaled = ends / (roughness * 2.0)  # after 4 s
+    assert scaled.var() == pytest.approx(1, rel=5 * np.sqrt(2 / len(ends)))
+
+
+def test_a_process_is_no_constant_current():
+    """Commands that look for a place at rest say so."""
+    scenario = hf.load_scenario(
+        "ch5-current", ["disturbance.Vx=clip(wiener(0.02), -0.05, 0.05)", "starts.random=2"]
+    )
+    assert no_rest(scenario) == ""
+    with pytest.raises(hf.HoldfastError, match="its disturbance is not constant in a run"):
+        resting_places(scenario, 1)
+
+
 def test_a_process_beyond_the_bounds_of_the_system_is_refused(walker, still):
     from dataclasses import replace
 
@@ -91,6 +124,9 @@ def test_a_process_beyond_the_bounds_of_the_system_is_refused(walker, still):
 def test_a_process_anywhere_else_is_refused(walker, still):
     with pytest.raises(hf.HoldfastError, match="uses 'x'; expected an expression of declared"):
         walked(walker, still, disturbance={"dx": hf.wiener_process(x)})
+    for wrong in (hf.wiener_process(hf.wiener_process(0.1)), wiener(sp.oo)):
+        with pytest.raises(hf.HoldfastError, match="is no process; expected finite numbers"):
+            walked(walker, still, disturbance={"dx": wrong})
     with pytest.raises(hf.HoldfastError, match="uses 'wiener', which cannot be compiled"):
         hf.Law("drunk", walker.states, {"u": hf.wiener_process(0.1)})
     with pytest.raises(hf.HoldfastError, match=r"wiener\(0.1\) is not a number"):

@@ -21,14 +21,14 @@ def test_every_node_belongs_to_one_part_which_holds_all_that_its_stages_read(
         return  # refused
     parts = of.parts(count, stages)
     assert len(parts) == min(count, of.count)
-    own = [k for p in parts for k in range(of.nodes)[p.own_nodes]]
+    own = [k for p in parts for k in range(of.nodes)[p.planes.own_nodes]]
     assert own == list(range(shape[0]))
     for p in parts:
-        assert p.nodes[p.own].tolist() == list(range(of.nodes))[p.own_nodes]
-        if p.whole:
+        assert p.nodes[p.planes.own].tolist() == list(range(of.nodes))[p.planes.own_nodes]
+        if p.last - p.first == p.of.count:
             continue
         reach = ghosts * stages
-        first, last = p.own_nodes.start - reach, p.own_nodes.stop + reach
+        first, last = p.planes.own_nodes.start - reach, p.planes.own_nodes.stop + reach
         read = {
             k % of.nodes if around else min(max(k, 0), of.nodes - 1) for k in range(first, last)
         }

@@ -220,7 +220,11 @@ def test_tracked_velocities_approach_the_commanded_ones_exponentially(vehicle):
     ("outputs", "gains", "complaint"),
     [
         ({"u": X, "w": X}, {"u": 1, "w": 1}, "'w', which is not a state"),
-        ({"u": X}, {"u": 1}, "as many velocities as inputs"),
+        (
+            {"u": X, "v": X, "r": X},
+            {"u": 1, "v": 1, "r": 1},
+            "at most as many velocities as inputs",
+        ),
         ({"u": X, "r": X}, {"u": 1}, "gain for 'r' is missing"),
         ({"u": X, "r": X}, {"u": 1, "r": 0}, "expected > 0"),
         ({"x": X, "y": X}, {"x": 1, "y": 1}, "cannot be solved"),

@@ -4,7 +4,7 @@ import ast
 import threading
 import time
 
-from holdfast.maths.expressions import syntax
+from holdfast.maths.expressions import traversal
 
 
 def test_threads_parse_one_after_the_other(monkeypatch):
@@ -20,7 +20,7 @@ def test_threads_parse_one_after_the_other(monkeypatch):
     monkeypatch.setattr(ast, "parse", watched)
     found = []
     threads = [
-        threading.Thread(target=lambda k=k: found.append(syntax.syntax_tree(f"x + {k}", "eval")))
+        threading.Thread(target=lambda k=k: found.append(traversal.syntax_tree(f"x + {k}", "eval")))
         for k in range(4)
     ]
     for one in threads:

@@ -408,7 +408,7 @@ class SafetyFilter:
         self._margins, self._uncertain = dict(margins or {}), tuple(uncertain or ())
         warn_of_reduction(system, around)
         if made.kernel is not None:
-            made.kernel.warn_of_promise(system, self.sample_time, stacklevel=3)
+            made.kernel.warn_of_promise(system, self.sample_time, stacklevel=4)
 
     @property
     def measured_states(self) -> tuple[str, ...]:

@@ -122,8 +122,8 @@ def web_loop(
     program.check_alone()
     program.check_sample_time(settings.sample_time)
     still = settings.continuous
-    latest = 0 if still else max(settings.delay_samples, int(LATEST / settings.sample_time))
-    latest = min(latest, settings.samples)
+    latest = max(settings.delay_samples, int(LATEST / settings.sample_time))
+    latest = 0 if still or program.measures_process else min(latest, settings.samples)
     roomy = replace(settings, delay=latest * settings.sample_time)
     limit = settings.switch_limit if any(program.targets) else 1
     kind = Kind(False, False, limit, settings.until_goal, direct=True)

@@ -552,7 +552,8 @@ class Body:
             sign, binding = _BINARY[operation]
             if not binding:
                 return f"({self.text(a[0], ATOM)} {sign} {self.text(a[1], ATOM)})", ATOM
-            one, two = self.text(a[0], binding, real), self.text(a[1], binding + 1, real)
+            least = 3 if operation == "either" else binding  # compilers ask for (a && b) || c
+            one, two = self.text(a[0], least, real), self.text(a[1], max(least, binding + 1), real)
             return f"{one} {sign} {two}", binding
         if operation in _CALLED:
             return f"{_CALLED[operation]}({self.text(a[0], 0, real)})", ATOM

@@ -236,9 +236,10 @@ class FeltDisturbance:
 
     expressions: of t, states, parameters and the symbols of `given`, numbers that are handed over
     as parameters are, so that another current needs no new program. processes: those of
-    chance, by their values, which are the last of those numbers. in_run: whether it varies
-    within a run; of_state: whether it is a field of the state. bounded: how many have to be
-    watched during a run, since only the run tells whether a field or a process keeps its bounds.
+    chance, by their values, which are the last of those numbers, each with a number of its own.
+    in_run: whether it varies within a run; of_state: whether it is a field of the state. bounded:
+    how many have to be watched during a run, since only the run tells whether a field or a process
+    keeps its bounds.
     """
 
     expressions: tuple[sp.Expr, ...]
@@ -246,7 +247,7 @@ class FeltDisturbance:
     in_run: bool
     of_state: bool
     bounded: int
-    processes: Mapping[sp.Symbol, Process] = field(default_factory=dict)
+    processes: Mapping[sp.Symbol, tuple[Process, int]] = field(default_factory=dict)
 
     def excess(self, system: System) -> list[sp.Expr]:
         """How far the disturbance is outside its bounds, above 0 where it is, then its values."""
@@ -260,6 +261,9 @@ class FeltDisturbance:
         return [beyond - SLACK**2 * size, *self.expressions]
 
 
+MOST_PROCESSES = 64
+"""The processes of one disturbance are less: each has a number of its own."""
+
 SLACK = sp.Float(1e-9)
 """The share of its size by which a value may exceed its bounds: that of `Bounds.contains`."""
 
@@ -272,11 +276,11 @@ def felt_disturbance(
     Raises `SimulationError` for an expression of anything but t, states and parameters.
     """
     expressions = [sp.sympify(disturbance.get(q.name, 0)) for q in system.disturbances]
-    processes: dict[sp.Symbol, Process] = {}
+    processes: dict[sp.Symbol, tuple[Process, int]] = {}
     for k, e in enumerate(expressions):
-        for process in sorted(e.atoms(Process), key=str):
+        for number, process in enumerate(sorted(e.atoms(Process), key=str)):
             value = sp.Symbol(f"_process{len(processes)}", real=True)
-            processes[value] = process
+            processes[value] = process, MOST_PROCESSES * k + number
             expressions[k] = expressions[k].xreplace({process: value})
     states, declared = {q.symbol for q in system.states}, set(parameters)
     for q, expression in zip(system.disturbances, expressions, strict=True):
@@ -288,8 +292,17 @@ def felt_disturbance(
                 expected="an expression of t, states of the plant and declared parameters",
                 remedy=suggestion(unknown[0], sorted(map(str, declared | states))),
             )
-    for process in processes.values():
-        if unknown := sorted(map(str, process.free_symbols - declared)):
+    for process, number in processes.values():
+        if any(a.has(Process) or a.is_finite is False for a in process.args):
+            raise SimulationError(
+                f"{process} is no process", expected="finite numbers in it", key="disturbance"
+            )
+        if number % MOST_PROCESSES == MOST_PROCESSES - 1:
+            raise SimulationError(
+                f"a disturbance has {MOST_PROCESSES} or more processes", key="disturbance"
+            )
+        used = set().union(*(a.free_symbols for a in process.args))
+        if unknown := sorted(map(str, used - declared)):
             raise SimulationError(
                 f"{process} uses '{unknown[0]}'",
                 expected="an expression of declared parameters",
@@ -434,7 +447,8 @@ class ClosedLoopProgram:
     places: how many axes its table has; timed: whether the first of them is the remaining time.
     found: how many numbers a look-up finds; hold: the sampling period that a table of cells is for.
     given: numbers that follow the parameters, those of the disturbances; in_run, bounded: see
-    `FeltDisturbance`. slack_units: the units of
+    `FeltDisturbance`. measures_process: whether the law measures a disturbance of chance, of which
+    no former value is kept. slack_units: the units of
     the conditions that a safeguard relaxes, each once. value_signal: the signal that is the value
     of a kernel.
     """
@@ -474,6 +488,7 @@ class ClosedLoopProgram:
     table: Any = None
     found: int = 0
     hold: float | None = None
+    measures_process: bool = False
 
     def rows_of(self, leaf: str) -> int:
         """How many rows a leaf fills; 0 where there is none."""
@@ -562,6 +577,7 @@ def closed_loop_program(
     of_disturbance = dict(zip(system.disturbances, still, strict=True))
     measured = [of_disturbance[d] for d in controller.measured]
     used = [*still, *varied.values.values(), *varied.plant.values(), *controller.expressions]
+    used += [process for process, _ in felt.processes.values()]
     used += [*system.rates.values(), *switching.signals.values(), *([goal.worst] if goal else [])]
     symbols = symbols_of(used)
     for bounds in (system.input_bounds, system.disturbance_bounds):
@@ -570,7 +586,7 @@ def closed_loop_program(
         if symbol(name) not in symbols:
             raise SimulationError(
                 f"'{name}' is drawn, and nothing depends on it",
-                remedy=suggestion(name, sorted(map(str, symbols & set(p)))),
+                remedy=suggestion(name, sorted(map(str, symbols & set(p) - felt.processes.keys()))),
                 key=f"varied.draws.{name}",
             )
     lookup = controller.lookup
@@ -604,6 +620,7 @@ def closed_loop_program(
             for mode in controller.modes
         ),
         measured=len(measured),
+        measures_process=any(e.free_symbols & felt.processes.keys() for e in measured),
         handed=tuple(q.name for q in controller.handed),
         limited=len(controller.requested),
         timed=bool(lookup and lookup.timed),
@@ -739,15 +756,15 @@ def _leaves(
     return leaves
 
 
-def _wander(processes: Mapping[sp.Symbol, Process], p: Sequence[sp.Symbol]) -> Leaf:
+def _wander(processes: Mapping[sp.Symbol, tuple[Process, int]], p: Sequence[sp.Symbol]) -> Leaf:
     """The processes x after a sample, each with a normal number of its own for a sample."""
     steps, widths = Steps(expanded=True), {"t": len(DRAW), "q": 0, "x": len(processes), "p": len(p)}
     names = {a: [f"{a}{i}" for i in range(count)] for a, count in widths.items()}
     run, sample, *seed = (steps.input(name) for name in names["t"])
     values = {s: steps.input(name) for s, name in zip(p, names["p"], strict=True)}
     results, number = [], sp.Symbol("_normal", real=True)
-    for i, (value, process) in enumerate(processes.items()):
-        drawn = normal(*two_uniforms((seed[0], seed[1]), run, sample, i, WANDER))
+    for i, (value, (process, channel)) in enumerate(processes.items()):
+        drawn = normal(*two_uniforms((seed[0], seed[1]), run, sample, channel, WANDER))
         at = values | {value: steps.input(names["x"][i]), number: drawn}
         results += lowered(steps, [process.following(value, SAMPLE_TIME, number)], at)
     return Leaf(steps, names, results)

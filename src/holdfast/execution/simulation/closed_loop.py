@@ -383,6 +383,13 @@ class ClosedLoop:
             noise=noise,
         )
         late = settings.delay_samples > 0
+        if late and program.measures_process:
+            raise SimulationError(
+                "the law measures a disturbance with a stochastic process, and sees it late",
+                expected="delay = 0",
+                remedy="leave the delay out, or the disturbance out of what the law reads",
+                key="delay",
+            )
         kind = Kind(bool(noise.any()), late, settings.switch_limit, settings.until_goal)
         device = device_named(settings.device)
         if device is not None:

@@ -74,15 +74,22 @@ class sgn(RealFunction):
         return sp.S.Zero
 
 
+_TIME = sp.Symbol("t", real=True)
+
+
 class Process(RealFunction):
     """A stochastic process as a part of a disturbance, 0 at the start; its arguments are numbers,
     or expressions of parameters.
 
     A run holds its value for a sample. The processes of each disturbance are its own, and are fixed
-    by the seed and the number of the run.
+    by the seed and the number of the run. What has a process depends on time.
     """
 
     is_number = False
+
+    @property
+    def free_symbols(self) -> set[sp.Basic]:
+        return {_TIME}.union(*(a.free_symbols for a in self.args))
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
         return sp.S.Zero
