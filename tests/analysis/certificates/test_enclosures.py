@@ -51,6 +51,15 @@ def test_checker_follows_what_zonotopes_certify(turned, tmp_path):
     with pytest.warns(ModelWarning, match="was not checked"):
         again = hf.read_certificate(path, check=0)
     assert again.header() == turned.header()
+    assert again.sampling == turned.sampling
+
+
+@pytest.mark.parametrize("name", ["octagon", ["zonotope"]])
+def test_file_of_an_enclosure_that_there_is_not_is_refused(turned, name, tmp_path):
+    other = replace(turned, sampling=replace(turned.sampling, enclosure=name))
+    said = "its enclosures are .*, and this version has parallelepiped, zonotope"
+    with pytest.raises(OutputError, match=said):
+        hf.read_certificate(other.write(tmp_path / "spring.certificate"), check=0)
 
 
 @pytest.mark.parametrize(

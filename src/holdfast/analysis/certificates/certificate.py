@@ -28,6 +28,7 @@ from holdfast.analysis.certificates.images import Images, forget, images, sure_o
 from holdfast.errors import DefinitionError, ModelWarning, OutputError, SimulationError
 from holdfast.execution.arrays import Array, Truths, Wholes
 from holdfast.execution.cache import Stored
+from holdfast.execution.intervals.enclosures import STANDARD
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.execution.intervals.law_ranges import TableRanges
 from holdfast.host.files import atomic_file
@@ -226,6 +227,8 @@ class Certificate:
         more = {"depth": kept_set.depth} if kept_set.depth else {}
         more |= {"steps": self.sampling.steps} if self.sampling.steps > 1 else {}
         more |= {"halves": self.sampling.halves} if self.sampling.halves else {}
+        enclosure = self.sampling.enclosure
+        more |= {"enclosure": enclosure} if enclosure != STANDARD else {}
         return {
             "title": self.title,
             "states": named(self.states),
