@@ -7,8 +7,9 @@ import shlex
 import pytest
 from click.testing import CliRunner
 
+from holdfast.analysis.certificates.reading import read_certificate
 from holdfast.commands.certify import command
-from holdfast.errors import ScenarioError, SimulationError
+from holdfast.errors import ModelWarning, ScenarioError, SimulationError
 from holdfast.presentation.studies.certificate import advice_text
 from holdfast.scenario.load import load_scenario
 from holdfast.studies import certification
@@ -148,8 +149,11 @@ def test_options_replace_what_the_scenario_asks():
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("certificate.uncertain={mess=[1, 2]}", "unknown name 'mess'; did you mean 'mass'"),
-        ("certificate.errors={mass=1}", "certificate.errors: unknown name 'mass'"),
+        (
+            "certificate.uncertain={mess=[1, 2]}",
+            "uncertain.mess: unknown name; did you mean 'mass'",
+        ),
+        ("certificate.errors={mass=1}", "certificate.errors.mass: unknown name"),
         ("certificate.sample_time='2 m'", "the unit 'm' does not fit; expected 's'"),
         ("certificate.cell=3", "certificate.cell: unknown key; did you mean 'cells'"),
         ("certificate.halvings=-1", "certificate.halvings"),
@@ -177,6 +181,19 @@ def test_cells_of_one_state_leave_those_of_the_others_and_parameters_are_of_the_
     assert found.cells.counts == (101, 7)
     kept = load_scenario("seen-with-sway", ["certificate.uncertain={clearance=[0, '1 cm']}"])
     assert kept.certificate["uncertain"] == {"clearance": (0.0, 0.01)}
+
+
+def test_enclosure_is_asked_by_the_scenario_or_the_command(monkeypatch, tmp_path):
+    monkeypatch.setattr(certification, "what_helps", lambda *_: None)
+    asked = ["loaded-cart", "--cells", "31", "--no-figures", "--out", str(tmp_path)]
+    CliRunner().invoke(command, [*asked, "--enclosure", "zonotope"])
+    with pytest.warns(ModelWarning, match="was not checked"):
+        found = read_certificate(tmp_path / "certificate.holdfast", check=0)
+    assert found.sampling.enclosure == "zonotope"
+    own = ["certificate.enclosure='zonotope'"]
+    assert certified("loaded-cart", own, cells=3).sampling.enclosure == "zonotope"
+    answer = CliRunner().invoke(command, [*asked, "--enclosure", "zonotop"])
+    assert "did you mean 'zonotope'" in str(answer.exception)
 
 
 def test_outer_sets_take_no_table():

@@ -49,6 +49,7 @@ def certified(
     errors: Mapping[str, float] | None = None,
     delay: float | None = None,
     halvings: int | None = None,
+    enclosure: str | None = None,
     store: Path | None = None,
     kernel: Path | None = None,
     margin: float = 0.0,
@@ -71,7 +72,7 @@ def certified(
     axes = loaded.grid.axes
     options = merged(
         loaded, cells=cells, sample_time=sample_time, horizon=horizon, inputs=inputs,
-        uncertain=uncertain, errors=errors, delay=delay, halvings=halvings,
+        uncertain=uncertain, errors=errors, delay=delay, halvings=halvings, enclosure=enclosure,
     )  # fmt: skip
     return certify(
         loaded.system,
@@ -308,6 +309,7 @@ def largest_certified(
     errors: Mapping[str, float] | None = None,
     delay: float | None = None,
     halvings: int | None = None,
+    enclosure: str | None = None,
     overrides: Iterable[str] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> LargestCertified:
@@ -376,6 +378,7 @@ def largest_certified(
             errors=errors,
             delay=delay,
             halvings=halvings,
+            enclosure=enclosure,
             progress=tell,
         )
         proved = certificate.kept

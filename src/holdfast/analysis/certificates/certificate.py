@@ -224,7 +224,7 @@ class Certificate:
     def header(self) -> dict[str, Any]:
         """What the file says before its entries; numbers in hexadecimal digits, which are exact."""
         kept_set, law = self.kept, self.sampling.law
-        more = {"depth": kept_set.depth} if kept_set.depth else {}
+        more: dict[str, Any] = {"depth": kept_set.depth} if kept_set.depth else {}
         more |= {"steps": self.sampling.steps} if self.sampling.steps > 1 else {}
         more |= {"halves": self.sampling.halves} if self.sampling.halves else {}
         enclosure = self.sampling.enclosure
