@@ -173,7 +173,7 @@ def _hexadecimal(values: Any) -> list[str]:
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
-MOST_CELLS, MOST_INPUTS, MOST_DEPTH, MOST_STEPS, MOST_HALVES = 2**32, 2**16, 31, 64, 16
+MOST_CELLS, MOST_INPUTS, MOST_DEPTH, MOST_STEPS, MOST_HALVES = 2**32, 2**16, 31, 64, 8
 
 KNOWN = (
     "sin", "cos", "tan", "atan", "exp", "log", "tanh", "Abs", "magnitude", "least", "greatest",
