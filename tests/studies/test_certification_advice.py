@@ -105,6 +105,16 @@ def test_trials_have_no_more_cells_than_were_asked_for():
     assert not any("cells" in option for option in advice.tried)
 
 
+def test_trials_are_of_the_edges_that_were_asked_for():
+    """Whoever follows the advice has the share that it says."""
+    edges = [-1.02, *(round(-1 + 0.2 * k, 1) for k in range(11)), 1.02]
+    own = [f"certificate={{sample_time=0.4, cells={{x={edges}, v=25}}}}"]
+    advice = what_helps(certified("loaded-cart", own), "loaded-cart", own, {})
+    shares = {change.option: change.share for change in advice.changes}
+    followed = certified("loaded-cart", own, sample_time=0.8)
+    assert shares["--sample-time 0.8"] == followed.kept.share
+
+
 def test_trials_that_are_refused_are_not_told():
     options = {"delay": 0.15, "cells": 41}
     found = certified("loaded-cart", **options)

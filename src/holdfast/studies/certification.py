@@ -218,7 +218,8 @@ def what_helps(
     total = math.prod(asked)
     coarser = max(1.0, (total / MOST_CELLS) ** (1 / len(asked)))
     cells = tuple(min(count, max(3, round(count / coarser))) for count in asked)
-    on_cells = {"cells": dict(zip(names, cells, strict=True))}
+    coarse = cells != asked
+    on_cells = {"cells": dict(zip(names, cells, strict=True))} if coarse else {}
     periods = [float(f"{k * certificate.hold:.4g}") for k in TIMES]
     kinds: list[dict[str, dict[str, Any]]] = [
         {f"--sample-time {period:g}": {**on_cells, "sample_time": period} for period in periods}
@@ -245,7 +246,6 @@ def what_helps(
         except HoldfastError:
             return None
 
-    coarse = cells != asked
     before = (share(on_cells) or 0.0) if coarse else certified_share
     ran, best = list[str](), list[Change]()
     for kind in kinds:
