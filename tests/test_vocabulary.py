@@ -18,6 +18,7 @@ from holdfast.analysis.reachability.solve import PosedOptions, solve
 from holdfast.analysis.reachability.value_function import CertifyOptions
 from holdfast.analysis.safety.safety_filter import kept_law
 from holdfast.arguments import Count, OfStates, Seconds, Two
+from holdfast.commands.certify import command
 from holdfast.errors import ArgumentError, RenamedWarning, ScenarioError
 from holdfast.execution.simulation.settings import Settings, SettingsOptions
 from holdfast.interop.ros2.node import FilterNode
@@ -25,6 +26,8 @@ from holdfast.interop.ros2.node import FilterOptions as NodeOptions
 from holdfast.scenario.load import load_scenario
 from holdfast.scenario.schema import closed_loop as schema
 from holdfast.scenario.schema import values
+from holdfast.scenario.schema.kernel import CertificateSpec
+from holdfast.studies.certification import certified, largest_certified
 
 ROOT = Path(__file__).parents[1]
 Pair = Annotated[tuple[float, float], Two("k1, k2")]
@@ -283,6 +286,19 @@ def test_options_are_typed():
             assert hint.__forward_arg__ == taken[name], (function, name)
     asked = set(inspect.signature(solve).parameters) - {"arrival_steps"}
     assert set(PosedOptions.__annotations__) - set(MarchOptions.__annotations__) <= asked
+
+
+def test_what_a_file_asks_of_a_certificate_every_command_asks_too():
+    """Each key of [certificate] is an argument of both studies, and an option of the command."""
+    keys = set(CertificateSpec.model_fields)
+    assert keys == {
+        "cells", "sample_time", "horizon", "inputs", "uncertain", "errors", "delay", "halvings",
+        "enclosure",
+    }  # fmt: skip
+    for study in (certified, largest_certified):
+        assert keys <= set(inspect.signature(study).parameters)
+    options = {parameter.name for parameter in command.params}
+    assert {name.replace("errors", "error") for name in keys} <= options
 
 
 FREE = {

@@ -52,7 +52,7 @@ from holdfast_check.statement import lines, statement
 from holdfast_check.taylor import NoModelError
 
 BITS = 80
-NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, MOST_STEPS, MOST_HALVES = 1, 2, 3, 1e-3, 64, 16
+NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, MOST_STEPS, MOST_HALVES = 1, 2, 3, 1e-3, 64, 8
 MOST_TURNED, MOST_TOUCHED, SHOWN = 1e12, 1 << 20, 2000
 Tell = Callable[[int, int], None]
 GROUPS = ("states", "inputs", "disturbances", "parameters")
@@ -109,8 +109,9 @@ class Checker:
             raise NotValidError("the edges of cells, or of parts of inputs, do not grow")
         if any(a > b for a, b in h["law"]["under_way"]):
             raise NotValidError("a range is reversed")
+        if not 0 <= self.halves <= MOST_HALVES:
+            raise NotValidError(f"a cell may be halved {self.halves} times, not 0 to {MOST_HALVES}")
         times = 0 <= self.delay < self.hold and 1 <= h["steps"] <= MOST_STEPS
-        times = times and 0 <= self.halves <= MOST_HALVES
         holds = h["holds"] > 0 if h["holds"] is not None else not self.target
         law = bool(h["law"]["modes"])
         inputs = law != bool(h["candidates"]) and (law or h["law"] == NO_LAW)

@@ -19,8 +19,8 @@ from holdfast_check.intervals import Expression
 
 MAGICS = ("holdfast-certificate 1", "holdfast-flowpipe 1")
 MOST_OF_ENTRIES, MOST_OF_NODES, ROOM, LITTLE = 16, 64, 1 << 20, 1 << 16
-OPTIONAL = {"depth": 0, "steps": 1, "halves": 0}
-"""What a header need not say."""
+OPTIONAL = {"depth": 0, "steps": 1, "halves": 0, "enclosure": ""}
+"""What a header need not say; with which enclosures cells were found matters to no proof."""
 
 Values = dict[str, Any]
 
@@ -143,7 +143,7 @@ COMMON = {
 HEADER = COMMON | {
     "delay": _number, "holds": (None, int, None), "edges": [[_number]], "periodic": [bool],
     "candidates": [[_number]], "depth": int, "steps": int, "halves": int,
-    "cells_in_region": int, "cells_kept": int,
+    "enclosure": str, "cells_in_region": int, "cells_kept": int,
 }  # fmt: skip
 FLOWPIPE = COMMON | {
     "holds": int, "start": [ENDS], "degrees": [int, int], "splits": [int],

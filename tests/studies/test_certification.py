@@ -227,7 +227,7 @@ def test_command_says_which_states_of_a_kernel_are_lost_and_the_checker_agrees(t
         (("seen-target", "--outer", "f.nc", "--box", "x=0,1"), "--box with --outer"),
         (
             ("ferry-tacks", "--box", "y=0,1", "--halvings", "0"),
-            "--box with --largest or --halvings",
+            "--box with --largest, --halvings or --enclosure",
         ),
         (("seen-target", "--outer", "f.nc", "--kernel", "f.nc"), "--kernel with --outer"),
         (("seen-target", "--outer", "no.nc"), "no.nc"),

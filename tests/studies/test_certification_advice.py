@@ -7,8 +7,9 @@ import shlex
 import pytest
 from click.testing import CliRunner
 
+from holdfast.analysis.certificates.reading import read_certificate
 from holdfast.commands.certify import command
-from holdfast.errors import ScenarioError, SimulationError
+from holdfast.errors import ModelWarning, ScenarioError, SimulationError
 from holdfast.presentation.studies.certificate import advice_text
 from holdfast.scenario.load import load_scenario
 from holdfast.studies import certification
@@ -104,6 +105,16 @@ def test_trials_have_no_more_cells_than_were_asked_for():
     assert not any("cells" in option for option in advice.tried)
 
 
+def test_trials_are_of_the_edges_that_were_asked_for():
+    """Whoever follows the advice has the share that it says."""
+    edges = [-1.02, *(round(-1 + 0.2 * k, 1) for k in range(11)), 1.02]
+    own = [f"certificate={{sample_time=0.4, cells={{x={edges}, v=25}}}}"]
+    advice = what_helps(certified("loaded-cart", own), "loaded-cart", own, {})
+    shares = {change.option: change.share for change in advice.changes}
+    followed = certified("loaded-cart", own, sample_time=0.8)
+    assert shares["--sample-time 0.8"] == followed.kept.share
+
+
 def test_trials_that_are_refused_are_not_told():
     options = {"delay": 0.15, "cells": 41}
     found = certified("loaded-cart", **options)
@@ -150,7 +161,7 @@ def test_options_replace_what_the_scenario_asks():
     [
         (
             "certificate.uncertain={mess=[1, 2]}",
-            "certificate.uncertain.mess: unknown name; did you mean 'mass'",
+            "uncertain.mess: unknown name; did you mean 'mass'",
         ),
         ("certificate.errors={mass=1}", "certificate.errors.mass: unknown name"),
         ("certificate.sample_time='2 m'", "the unit 'm' does not fit; expected 's'"),
@@ -180,6 +191,19 @@ def test_cells_of_one_state_leave_those_of_the_others_and_parameters_are_of_the_
     assert found.cells.counts == (101, 7)
     kept = load_scenario("seen-with-sway", ["certificate.uncertain={clearance=[0, '1 cm']}"])
     assert kept.certificate["uncertain"] == {"clearance": (0.0, 0.01)}
+
+
+def test_enclosure_is_asked_by_the_scenario_or_the_command(monkeypatch, tmp_path):
+    monkeypatch.setattr(certification, "what_helps", lambda *_: None)
+    asked = ["loaded-cart", "--cells", "31", "--no-figures", "--out", str(tmp_path)]
+    CliRunner().invoke(command, [*asked, "--enclosure", "zonotope"])
+    with pytest.warns(ModelWarning, match="was not checked"):
+        found = read_certificate(tmp_path / "certificate.holdfast", check=0)
+    assert found.sampling.enclosure == "zonotope"
+    own = ["certificate.enclosure='zonotope'"]
+    assert certified("loaded-cart", own, cells=3).sampling.enclosure == "zonotope"
+    answer = CliRunner().invoke(command, [*asked, "--enclosure", "zonotop"])
+    assert "did you mean 'zonotope'" in str(answer.exception)
 
 
 def test_outer_sets_take_no_table():

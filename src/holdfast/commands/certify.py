@@ -81,6 +81,12 @@ from holdfast.studies.progress import bar
     help="How often cells beside certified ones are halved along each state "
     "[default: the scenario's, else 0].",
 )
+@click.option(
+    "--enclosure",
+    metavar="NAME",
+    help="What encloses the states on the way, such as zonotope, for holds that are a large part "
+    "of a period [default: the scenario's, else parallelepiped].",
+)
 @click.option("--refine", type=WHOLE, hidden=True)  # the former name of --halvings
 @click.option(
     "--kernel",
@@ -134,6 +140,7 @@ def command(
     error: tuple[str, ...],
     delay: float | None,
     halvings: int | None,
+    enclosure: str | None,
     refine: int | None,
     kernel: Path | None,
     margin: float | None,
@@ -171,15 +178,19 @@ def command(
         "errors": dict(_error(text) for text in error),
     }
     ranges = dict(_range(text, "--box") for text in box)
-    more = {"sample_time": sample_time, "delay": delay, "inputs": inputs, "halvings": halvings}
+    more = {
+        "sample_time": sample_time, "delay": delay, "inputs": inputs, "halvings": halvings,
+        "enclosure": enclosure,
+    }  # fmt: skip
     options |= {name: value for name, value in more.items() if value is not None}
     search = {"between": between, "tolerance": tolerance, "share": share}
     search = {name: value for name, value in search.items() if value is not None}
     if sample_time is not None and not 0 < sample_time < math.inf:
         raise ScenarioError(f"--sample-time {sample_time:g}", expected="seconds, above 0")
-    if box and (largest is not None or search or halvings is not None):
+    if box and (largest is not None or search or halvings is not None or enclosure is not None):
         raise ScenarioError(
-            "--box with --largest or --halvings", expected="a law's cells as they are"
+            "--box with --largest, --halvings or --enclosure",
+            expected="a law's cells as they are",
         )
     if kernel is None and margin is not None:
         raise ScenarioError("--margin without --kernel", remedy="name the file of a kernel")
@@ -190,7 +201,7 @@ def command(
     if outer is not None:
         beside = {
             "kernel": kernel, "box": box, "largest": largest, "horizon": horizon,
-            "uncertain": uncertain, "error": error, "delay": delay,
+            "uncertain": uncertain, "error": error, "delay": delay, "enclosure": enclosure,
             "set certificate": tuple(o for o in overrides if o.startswith("certificate")),
         }  # fmt: skip
         if wrong := [name for name, value in beside.items() if value not in (None, ())]:
@@ -202,7 +213,7 @@ def command(
     if start:
         beside = {
             "kernel": kernel, "box": box, "largest": largest, "outer": outer, "cells": cells,
-            "delay": delay, "halvings": halvings, "inputs": inputs,
+            "delay": delay, "halvings": halvings, "inputs": inputs, "enclosure": enclosure,
         }  # fmt: skip
         if wrong := [name for name, value in beside.items() if value not in (None, ())]:
             raise ScenarioError(f"--{wrong[0]} with --from", expected="one box, and no cells")

@@ -49,6 +49,7 @@ def certified(
     errors: Mapping[str, float] | None = None,
     delay: float | None = None,
     halvings: int | None = None,
+    enclosure: str | None = None,
     store: Path | None = None,
     kernel: Path | None = None,
     margin: float = 0.0,
@@ -71,7 +72,7 @@ def certified(
     axes = loaded.grid.axes
     options = merged(
         loaded, cells=cells, sample_time=sample_time, horizon=horizon, inputs=inputs,
-        uncertain=uncertain, errors=errors, delay=delay, halvings=halvings,
+        uncertain=uncertain, errors=errors, delay=delay, halvings=halvings, enclosure=enclosure,
     )  # fmt: skip
     return certify(
         loaded.system,
@@ -217,7 +218,8 @@ def what_helps(
     total = math.prod(asked)
     coarser = max(1.0, (total / MOST_CELLS) ** (1 / len(asked)))
     cells = tuple(min(count, max(3, round(count / coarser))) for count in asked)
-    on_cells = {"cells": dict(zip(names, cells, strict=True))}
+    coarse = cells != asked
+    on_cells = {"cells": dict(zip(names, cells, strict=True))} if coarse else {}
     periods = [float(f"{k * certificate.hold:.4g}") for k in TIMES]
     kinds: list[dict[str, dict[str, Any]]] = [
         {f"--sample-time {period:g}": {**on_cells, "sample_time": period} for period in periods}
@@ -244,7 +246,6 @@ def what_helps(
         except HoldfastError:
             return None
 
-    coarse = cells != asked
     before = (share(on_cells) or 0.0) if coarse else certified_share
     ran, best = list[str](), list[Change]()
     for kind in kinds:
@@ -308,6 +309,7 @@ def largest_certified(
     errors: Mapping[str, float] | None = None,
     delay: float | None = None,
     halvings: int | None = None,
+    enclosure: str | None = None,
     overrides: Iterable[str] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> LargestCertified:
@@ -376,6 +378,7 @@ def largest_certified(
             errors=errors,
             delay=delay,
             halvings=halvings,
+            enclosure=enclosure,
             progress=tell,
         )
         proved = certificate.kept

@@ -5,8 +5,10 @@ from dataclasses import replace
 import pytest
 
 import holdfast as hf
+from holdfast.analysis.certificates import certificate
 from holdfast.errors import ModelWarning, OutputError, SimulationError
-from holdfast_check.checker import checked
+from holdfast.execution.intervals.enclosures import enclosures
+from holdfast_check.checker import MOST_HALVES, checked
 from holdfast_check.reading import NotValidError
 
 SHARE = 0.05
@@ -51,6 +53,15 @@ def test_checker_follows_what_zonotopes_certify(turned, tmp_path):
     with pytest.warns(ModelWarning, match="was not checked"):
         again = hf.read_certificate(path, check=0)
     assert again.header() == turned.header()
+    assert again.sampling == turned.sampling
+
+
+@pytest.mark.parametrize("name", ["octagon", ["zonotope"]])
+def test_file_of_an_enclosure_that_there_is_not_is_refused(turned, name, tmp_path):
+    other = replace(turned, sampling=replace(turned.sampling, enclosure=name))
+    said = "its enclosures are .*, and this version has parallelepiped, zonotope"
+    with pytest.raises(OutputError, match=said):
+        hf.read_certificate(other.write(tmp_path / "spring.certificate"), check=0)
 
 
 @pytest.mark.parametrize(
@@ -58,10 +69,9 @@ def test_checker_follows_what_zonotopes_certify(turned, tmp_path):
     [
         lambda c: replace(c, sampling=replace(c.sampling, halves=0)),  # not followed closely
         lambda c: replace(c, candidates=-c.candidates),
-        lambda c: replace(c, sampling=replace(c.sampling, halves=17)),
         lambda c: replace(c, ranges={**c.ranges, "d": (-0.4, 0.4)}),
     ],
-    ids=["as ever", "inputs", "halves", "more of the disturbance"],
+    ids=["as ever", "inputs", "more of the disturbance"],
 )
 def test_checker_halves_no_claim_into_truth(turned, changed, tmp_path):
     path = changed(turned).write(tmp_path / "spring.certificate")
@@ -69,10 +79,19 @@ def test_checker_halves_no_claim_into_truth(turned, changed, tmp_path):
         checked(str(path), 0.5, seed=1)
 
 
-def test_file_that_asks_for_too_many_halves_is_refused(turned, tmp_path):
-    more = replace(turned, sampling=replace(turned.sampling, halves=17))
-    with pytest.raises(OutputError, match="may be halved 17 times"):
-        hf.read_certificate(more.write(tmp_path / "spring.certificate"), check=0)
+@pytest.mark.parametrize("halves", [-1, MOST_HALVES + 1])
+def test_file_that_asks_for_other_halves_than_are_written_is_refused(turned, halves, tmp_path):
+    other = replace(turned, sampling=replace(turned.sampling, halves=halves))
+    path = other.write(tmp_path / "spring.certificate")
+    with pytest.raises(OutputError, match=f"may be halved {halves} times"):
+        hf.read_certificate(path, check=0)
+    with pytest.raises(NotValidError, match=f"may be halved {halves} times"):
+        checked(str(path), SHARE, seed=1)
+
+
+def test_no_enclosure_asks_for_more_halves_than_are_read():
+    most = max(kind.halves for kind in enclosures().values())
+    assert most == MOST_HALVES == certificate.MOST_HALVES
 
 
 def test_enclosure_that_there_is_not_is_refused(spring):

@@ -415,6 +415,7 @@ def test_command_from_a_box(tmp_path, monkeypatch):
         (["--cells", "4"], "--cells with --from"),
         (["--inputs", "4"], "--inputs with --from"),
         (["--halvings", "0"], "--halvings with --from"),
+        (["--enclosure", "zonotope"], "--enclosure with --from"),
         (["--to-goal"], "has no goal"),
         (["--set", "run.delay=0.5"], "has a delay"),
     ):

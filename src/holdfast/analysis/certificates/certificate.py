@@ -28,6 +28,7 @@ from holdfast.analysis.certificates.images import Images, forget, images, sure_o
 from holdfast.errors import DefinitionError, ModelWarning, OutputError, SimulationError
 from holdfast.execution.arrays import Array, Truths, Wholes
 from holdfast.execution.cache import Stored
+from holdfast.execution.intervals.enclosures import STANDARD
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.execution.intervals.law_ranges import TableRanges
 from holdfast.host.files import atomic_file
@@ -172,7 +173,7 @@ def _hexadecimal(values: Any) -> list[str]:
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
-MOST_CELLS, MOST_INPUTS, MOST_DEPTH, MOST_STEPS, MOST_HALVES = 2**32, 2**16, 31, 64, 16
+MOST_CELLS, MOST_INPUTS, MOST_DEPTH, MOST_STEPS, MOST_HALVES = 2**32, 2**16, 31, 64, 8
 
 KNOWN = (
     "sin", "cos", "tan", "atan", "exp", "log", "tanh", "Abs", "magnitude", "least", "greatest",
@@ -223,9 +224,11 @@ class Certificate:
     def header(self) -> dict[str, Any]:
         """What the file says before its entries; numbers in hexadecimal digits, which are exact."""
         kept_set, law = self.kept, self.sampling.law
-        more = {"depth": kept_set.depth} if kept_set.depth else {}
+        more: dict[str, Any] = {"depth": kept_set.depth} if kept_set.depth else {}
         more |= {"steps": self.sampling.steps} if self.sampling.steps > 1 else {}
         more |= {"halves": self.sampling.halves} if self.sampling.halves else {}
+        enclosure = self.sampling.enclosure
+        more |= {"enclosure": enclosure} if enclosure != STANDARD else {}
         return {
             "title": self.title,
             "states": named(self.states),

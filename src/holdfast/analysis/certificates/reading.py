@@ -43,6 +43,7 @@ from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, HoldfastError, OutputError
 from holdfast.execution.arrays import Array, Truths, Wholes
 from holdfast.execution.intervals.enclosure import Enclosure
+from holdfast.execution.intervals.enclosures import STANDARD, enclosures
 from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.maths.definitions.law import LawCases, Option, Program
 from holdfast.maths.definitions.quantity import symbol
@@ -116,9 +117,9 @@ def _of(node: ast.expr, names: Names) -> sp.Expr:
 MOST_OF_ENTRIES = 16
 """How many times as long as their packed form the entries of a file may be: they are six times."""
 
-OPTIONAL = {"depth", "steps", "halves"}
-"""What a header says of cells that were halved, of holds that enclosures divide, and of cells that
-the checker may halve."""
+OPTIONAL = {"depth", "steps", "halves", "enclosure"}
+"""What a header says of cells that were halved, of holds that enclosures divide, of cells that the
+checker may halve, and of which kind the enclosures are."""
 
 
 @checked
@@ -279,7 +280,12 @@ def _sampling(
     halves = header.get("halves", 0)
     if type(halves) is not int or not 0 <= halves <= MOST_HALVES:
         raise ValueError(f"its cells may be halved {halves!r} times")
-    return Sampling(hold, tuple(errors), delay, under_way, law, steps, halves=halves)
+    enclosure = header.get("enclosure", STANDARD)
+    if type(enclosure) is not str or enclosure not in enclosures():
+        raise ValueError(
+            f"its enclosures are {enclosure!r:.40}, and this version has " + ", ".join(enclosures())
+        )
+    return Sampling(hold, tuple(errors), delay, under_way, law, steps, enclosure, halves)
 
 
 def _cells(header: Mapping[str, Any], axes: int) -> Cells:

@@ -279,7 +279,7 @@ def warn_of_reduction(system: System, around: System | None) -> None:
             f"{'change' if len(missing) > 1 else 'changes'}; around {whole} its promise does not "
             f"hold; {remedy}",
             ModelWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

@@ -69,6 +69,7 @@ class CertifyOptions(TypedDict, total=False):
     delay: Seconds
     halvings: Count
     steps: int | None
+    enclosure: str
     store: str | Path | None
     margin: float
     progress: Callable[[str, float], None] | None

@@ -32,7 +32,8 @@ class Enclosure(ABC):
     """The states at one instant: in `box`, and in a set around the trajectory in `nominal`.
 
     Rows are of intervals, one for each state. halves: how often the checker of certificates may
-    halve a cell, to follow what this encloses more narrowly than its parallelepipeds do.
+    halve a cell (up to 8 times), to follow what this encloses more narrowly than its
+    parallelepipeds do.
     """
 
     box: Row
