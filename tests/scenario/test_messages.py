@@ -1,0 +1,54 @@
+"""What is said of a file that does not fit: the key as the file has it, and the remedy."""
+
+import re
+
+import pytest
+
+from holdfast.errors import ScenarioError
+from holdfast.scenario.load import load_scenario
+
+SLED = """
+[scenario]
+title = "sled"
+[system]
+states = { x = { unit = "m" } }
+inputs = { u = { unit = "m/s" } }
+disturbances = { d = { unit = "m/s" } }
+rates = { x = "u + d" }
+MEASUREMENTS
+[law]
+outputs = { u = "-d" }
+reads = ["x", "d"]
+[region]
+constraints = { near = { expression = "x - 1", unit = "m" } }
+[starts]
+states = [{ x = 0 }]
+[run]
+horizon = 1
+"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Load the sled with more tables and changes."""
+
+    def load(more="", changes=(), measurements=""):
+        path = tmp_path / "sled.toml"
+        path.write_text(SLED.replace("MEASUREMENTS", measurements) + more)
+        return load_scenario(str(path), list(changes))
+
+    return load
+
+
+@pytest.mark.parametrize("empty", ["error_bounds", "rate_bounds"])
+def test_empty_bounds_of_an_observer_are_none(load, empty):
+    observer = "[observer]\nbandwidth = 3\n"
+    with_empty = load(f"{observer}{empty} = {{}}\n")
+    assert with_empty.law == load(observer).law
+    assert with_empty.filtering == load(observer).filtering
+
+
+def test_measurement_needs_an_expression(load):
+    with pytest.raises(ScenarioError, match=r"system\.measurements\.z\.expression: missing key"):
+        load(measurements='measurements = { z = { unit = "m" } }')
+    assert load(measurements='measurements = { z = { expression = "2*x" } }').model.measurements
