@@ -52,3 +52,26 @@ def test_measurement_needs_an_expression(load):
     with pytest.raises(ScenarioError, match=r"system\.measurements\.z\.expression: missing key"):
         load(measurements='measurements = { z = { unit = "m" } }')
     assert load(measurements='measurements = { z = { expression = "2*x" } }').model.measurements
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "varied.values.d",
+        "varied.plant.d",
+        "law.outputs.u",
+        "law.definitions.e",
+        "region.constraints.near.expression",
+        "system.rates.x",
+        "reference.x",
+    ],
+)
+def test_process_is_of_a_disturbance_alone(load, key):
+    assert "wiener" in str(load(changes=["disturbance.d=0.1 + wiener(0.2)"]).disturbance["d"])
+    refused = rf"{re.escape(key)}: the function 'wiener' is not allowed .*only \[disturbance\] of"
+    with pytest.raises(ScenarioError, match=refused):
+        load(changes=[f"{key}=wiener(0.2)"])
+    with pytest.raises(ScenarioError, match=r"unknown name|not allowed") as unknown:
+        load(changes=[f"{key}=zzzz(0.2)"])
+    assert "wiener" not in str(unknown.value)
+    assert "hypot" in str(unknown.value)

@@ -54,7 +54,7 @@ from holdfast.maths.definitions.quantity import (
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import FlatOutput, Measurement, PfaffianRow, System
-from holdfast.maths.expressions.parser import parse_condition, parse_expression
+from holdfast.maths.expressions.parser import parse_condition, parse_formula
 from holdfast.maths.nonholonomic.structure import kinematic_system
 from holdfast.scenario.schema.closed_loop import (
     SHAPES,
@@ -293,7 +293,7 @@ class Composer:
         result = {}
         for name, text in table.items():
             with at(self.file, f"{key}.{name}"):
-                result[name] = parse_expression(text, names)
+                result[name] = parse_formula(text, names)
         return result
 
     def _with_definitions(self, table: Mapping[str, str | float], names: Names, key: str) -> Names:
@@ -303,7 +303,7 @@ class Composer:
                 Quantity(name)
                 if name in names:
                     raise ScenarioError(f"'{name}' is already declared")
-                names[name] = parse_expression(text, names)
+                names[name] = parse_formula(text, names)
         return names
 
     def _system(self, spec: SystemSpec) -> System:
@@ -352,8 +352,8 @@ class Composer:
                 high.append(sp.oo)
                 continue
             with at(self.file, f"{key}.{name}.bounds"):
-                low.append(parse_expression(spec.bounds[0], names))
-                high.append(parse_expression(spec.bounds[1], names))
+                low.append(parse_formula(spec.bounds[0], names))
+                high.append(parse_formula(spec.bounds[1], names))
         return Box(tuple(low), tuple(high))
 
     def scope(self) -> Names:

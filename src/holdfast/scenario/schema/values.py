@@ -35,7 +35,7 @@ from holdfast.arguments import Least, Two, Unit, UnitsOf, hints_of
 from holdfast.errors import HoldfastError, RenamedWarning, ScenarioError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, to_si
 from holdfast.maths.definitions.system import FlatOutput
-from holdfast.maths.expressions.parser import parse_expression
+from holdfast.maths.expressions.parser import parse_formula
 
 Value = float | str
 """A number in SI units, or text with a unit such as "30 deg"."""
@@ -256,7 +256,7 @@ class _Reader:
             return {n: self(v, of[n], f"{key}.{n}") for n, v in value.items()}
         with at(self.file, key):
             if meaning is sp.Expr:
-                return parse_expression(value, self.names)
+                return parse_formula(value, self.names)
             return to_si(
                 value, (meaning.name if isinstance(meaning, Unit) else str(meaning)) or self.unit
             )
