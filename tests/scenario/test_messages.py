@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from holdfast.errors import ScenarioError
+from holdfast.errors import RenamedWarning, ScenarioError
 from holdfast.scenario.load import load_scenario
 
 SLED = """
@@ -75,3 +75,37 @@ def test_process_is_of_a_disturbance_alone(load, key):
         load(changes=[f"{key}=zzzz(0.2)"])
     assert "wiener" not in str(unknown.value)
     assert "hypot" in str(unknown.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            "region.constraints.wall=2 min",
+            r"region\.constraints\.wall: '2 min' is not an expression",
+        ),
+        ("region.constraints.near.expression=2 min", r"constraints\.near\.expression: '2 min'"),
+        ("law.parameters.k=x", r"law\.parameters\.k: got 'x'"),
+        ("law.parameters={k={value='x'}}", r"law\.parameters\.k\.value: got 'x'"),
+    ],
+)
+def test_key_of_a_message_is_in_the_file(load, change, said):
+    with pytest.raises(ScenarioError, match=said):
+        load(changes=[change])
+
+
+def test_tag_of_a_union_is_no_key():
+    with pytest.raises(ScenarioError, match=r"certificate\.cells\.x: got {}; expected"):
+        load_scenario("ferry-banks", ["certificate.cells={x={}}"])
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("control = 'continuous'", r"sled\.toml: the key 'control'"),
+        ("[safeguard]\nmeasured = true", r"sled\.toml: .*the key 'measured'"),
+    ],
+)
+def test_warning_of_a_former_key_names_the_file(load, more, said):
+    with pytest.warns(RenamedWarning, match=said):
+        load(more)
