@@ -281,11 +281,13 @@ class Composer:
         """
         made = []
         for name, written in table.items():
-            is_section = isinstance(written, Section)
-            spec = written if is_section else alone[0].model_validate({alone[1]: written})
+            if isinstance(written, Section):
+                spec = written
+            else:
+                spec = alone[0].model_validate({alone[1]: written})
             with at(self.file, f"{key}.{name}"):
                 check_unit(getattr(spec, "unit", "1"))
-                said = spec.read(self.file, f"{key}.{name}", names=names, alone=not is_section)
+                said = spec.read(self.file, f"{key}.{name}", names=names, alone=spec is not written)
                 made.append(kind(name, **said))
         return tuple(made)
 
