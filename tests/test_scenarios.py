@@ -202,7 +202,7 @@ horizon = 30
         (
             'near = { value = "40 cm"',
             'near = { value = "40 kg"',
-            "region.parameters.near: the unit",
+            "region.parameters.near.value: the unit",
         ),
         (
             'near = { value = "40 cm", unit = "m"',

@@ -114,12 +114,12 @@ def renamed(**names: str) -> Callable[[T], T]:
 
 
 def by_present_names(
-    function: Callable[..., Any], arguments: Mapping[str, Any], what: str = "argument"
+    function: Callable[..., Any], arguments: Mapping[str, Any], what: str = "the argument"
 ) -> dict[str, Any]:
     """Arguments of a `renamed` function by their present names; each former one warns.
 
-    what: what the arguments are where they are written. Raises `ArgumentError` for one that has
-    both names.
+    what: what the arguments are where they are written, and where that is. Raises `ArgumentError`
+    for one that has both names.
     """
     present = dict(arguments)
     for former, now in getattr(function, FORMER, {}).items():
@@ -129,7 +129,7 @@ def by_present_names(
             raise ArgumentError(f"both '{now}' and its former name '{former}'")
         present[now] = present.pop(former)
         warnings.warn(
-            f"the {what} '{former}' is now '{now}'; the former goes with the next release",
+            f"{what} '{former}' is now '{now}'; the former goes with the next release",
             RenamedWarning,
             stacklevel=3,
         )

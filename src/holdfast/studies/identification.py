@@ -20,7 +20,7 @@ from holdfast.maths.catalogue import systems
 from holdfast.maths.control.unmodelled import PREFIX
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.vehicle_file import read_vehicle, vehicle_names
-from holdfast.maths.expressions.parser import parse_expression
+from holdfast.maths.expressions.parser import parse_formula
 from holdfast.scenario.build.composer import REDUCTIONS
 from holdfast.scenario.files import (
     Number,
@@ -198,7 +198,7 @@ def write_identified(
 def measured_expressions(system: System, texts: Mapping[str, str]) -> dict[str, Any]:
     """What signals measure, from texts of states, disturbances and parameters."""
     symbols = {q.name: q.symbol for q in (*system.states, *system.disturbances, *system.parameters)}
-    return {name: parse_expression(text, symbols) for name, text in texts.items()}
+    return {name: parse_formula(text, symbols) for name, text in texts.items()}
 
 
 Row = tuple[str, float, float, float]

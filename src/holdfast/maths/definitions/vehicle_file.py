@@ -122,11 +122,12 @@ def read_vehicle(name: str) -> tuple[str, dict[str, Any]]:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{shown}: not a TOML file ({error})") from None
-    for key in sorted(set(data) - set(PLAIN)):
-        if not isinstance(data[key], dict):  # what its tables are is a matter of the system
-            raise ScenarioError(f"{shown}: unknown key '{key}'", expected=", ".join(PLAIN))
     for key in ("title", "system", "parameters"):
         if key not in data:
+            odd = [n for n in sorted(set(data) - set(PLAIN)) if not isinstance(data[n], dict)]
+            if odd:  # a misspelt one
+                accepted = ", ".join(PLAIN) + " and tables of actuators"
+                raise ScenarioError(f"{shown}: unknown key '{odd[0]}'", expected=accepted)
             raise ScenarioError(f"{shown}: missing key '{key}'")
     return shown, data
 
@@ -210,22 +211,23 @@ def _parameter(
     for needed in ("value", "unit", "source"):
         if needed not in entry:
             raise ScenarioError(f"{where}: missing key '{needed}'")
-    try:
-        value = convert(to_si(entry["value"], str(entry["unit"])), str(entry["unit"]), unit)
-    except HoldfastError as error:
-        raise ScenarioError(f"{where}: {error}") from None
     assumed = entry.get("assumed", False)
     if not isinstance(assumed, bool):
         raise ScenarioError(f"{where}.assumed is {assumed!r}", expected="true or false")
-    return Parameter(
-        key,
-        unit,
-        meaning,
-        value=value,
-        source=str(entry["source"]),
-        assumed=assumed,
-        above=above,
-    )
+    try:
+        return Parameter(
+            key,
+            unit,
+            meaning,
+            value=convert(to_si(entry["value"], str(entry["unit"])), str(entry["unit"]), unit),
+            source=str(entry["source"]),
+            assumed=assumed,
+            above=above,
+        )
+    except HoldfastError as error:
+        raise ScenarioError(
+            f"{where}: {error.cause}", expected=error.expected, remedy=error.remedy
+        ) from None
 
 
 def overridden(

@@ -17,7 +17,13 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, suggestion
-from holdfast.maths.expressions.canonical import FORBIDDEN, FUNCTIONS, NUMERIC, pairwise
+from holdfast.maths.expressions.canonical import (
+    FORBIDDEN,
+    FUNCTIONS,
+    NUMERIC,
+    PROCESSES,
+    pairwise,
+)
 from holdfast.maths.expressions.functions import greatest, least, select
 from holdfast.maths.expressions.traversal import syntax_tree
 
@@ -35,6 +41,16 @@ def parse_expression(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
     A number stands for itself. Raises `ExpressionError` for an unknown name, a forbidden
     construct, a number or power out of range, or text that is too long or nested too deep.
     """
+    return _parsed(text, names, processes=True)
+
+
+@checked
+def parse_formula(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
+    """`parse_expression` without stochastic processes, which only a disturbance may have."""
+    return _parsed(text, names, processes=False)
+
+
+def _parsed(text: object, names: Mapping[str, sp.Expr], *, processes: bool) -> sp.Expr:
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise ExpressionError(f"got {text!r}", expected="an expression in quotes or a number")
     if isinstance(text, (int, float)):
@@ -42,7 +58,7 @@ def parse_expression(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
             return _finite(float(text), str(text))
         except OverflowError:
             raise ExpressionError("a number is out of range", expected="a finite number") from None
-    return _Translator(text, names).expression()
+    return _Translator(text, names, processes).expression()
 
 
 @checked
@@ -81,9 +97,10 @@ def _extent(expression: sp.Expr) -> tuple[int, int]:
 
 
 class _Translator:
-    def __init__(self, text: str, names: Mapping[str, sp.Expr]) -> None:
+    def __init__(self, text: str, names: Mapping[str, sp.Expr], processes: bool = False) -> None:
         self.text = text.strip()
         self.names = names
+        self.functions = [n for n in FUNCTIONS if processes or n not in PROCESSES]
         if len(text) > MAX_LENGTH:
             raise ExpressionError(
                 f"the expression has {len(text)} characters", expected=f"at most {MAX_LENGTH}"
@@ -170,10 +187,11 @@ class _Translator:
             return self.names[name]
         if name == "pi":
             return sp.pi
-        if name in FUNCTIONS:
+        if name in self.functions:
             raise self._refuse(f"the function '{name}' without arguments")
         raise self._refuse(
-            f"unknown name '{name}'", remedy=suggestion(name, [*self.names, "pi", *FUNCTIONS])
+            f"unknown name '{name}'",
+            remedy=suggestion(name, [*self.names, "pi", *self.functions]),
         )
 
     def _binary(self, operator: ast.operator, left: sp.Expr, right: sp.Expr) -> sp.Expr:
@@ -219,10 +237,11 @@ class _Translator:
         name = node.func.id
         if name == "diff":
             return self._derivative(node, depth)
-        if name not in FUNCTIONS:
+        if name not in self.functions:
+            apart = "only [disturbance] of closed loops may have it"
             raise self._refuse(
                 f"the function '{name}' is not allowed",
-                remedy=suggestion(name, [*FUNCTIONS, "diff"]),
+                remedy=apart if name in PROCESSES else suggestion(name, [*self.functions, "diff"]),
             )
         if node.keywords or any(isinstance(a, ast.Starred) for a in node.args):
             raise self._refuse(f"'{name}' with named or unpacked arguments")
@@ -283,7 +302,7 @@ def parse_number(
     text: object, names: Mapping[str, sp.Expr], values: Mapping[sp.Symbol, float]
 ) -> float:
     """The number of an expression at these values; `ExpressionError` if it is not a number."""
-    number = parse_expression(text, names).subs(values)
+    number = parse_formula(text, names).subs(values)
     if not (number.is_number and number.is_real and number.is_finite):
         raise ExpressionError(f"{number} is not a number", expected="a value from parameters")
     return float(number)

@@ -177,11 +177,11 @@ def _observed(
         "states": {q.name: q.unit for q in system.states},
         "rates": {q.name: over_time(q.unit, 1) for q in system.disturbances},
     }
-    arguments = spec.read(composer.file, "observer", units)
+    arguments = {n: v for n, v in spec.read(composer.file, "observer", units).items() if v != {}}
     with at(composer.file, "observer"):
-        if arguments.get("error_bounds"):
+        if "error_bounds" in arguments:
             return observe_set(system, law, **arguments), arguments
-        if arguments.get("rate_bounds"):
+        if "rate_bounds" in arguments:
             raise ScenarioError(
                 "rate_bounds without error_bounds", expected="both, for a guaranteed set"
             )

@@ -54,7 +54,7 @@ from holdfast.maths.definitions.quantity import (
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import FlatOutput, Measurement, PfaffianRow, System
-from holdfast.maths.expressions.parser import parse_condition, parse_expression
+from holdfast.maths.expressions.parser import parse_condition, parse_formula
 from holdfast.maths.nonholonomic.structure import kinematic_system
 from holdfast.scenario.schema.closed_loop import (
     SHAPES,
@@ -67,7 +67,7 @@ from holdfast.scenario.schema.closed_loop import (
     ShapeSpec,
     SystemSpec,
 )
-from holdfast.scenario.schema.values import ParameterSpec, Section, at, validated
+from holdfast.scenario.schema.values import ParameterSpec, Section, Value, at, validated
 
 T = TypeVar("T")
 
@@ -97,7 +97,7 @@ def catalogue_entry(
     function = by_name[name]
     with at(file, key):
         settings = by_present_names(
-            function, {k: v for k, v in table.items() if k != "name"}, "key"
+            function, {k: v for k, v in table.items() if k != "name"}, f"{file}: {key}: the key"
         )
     if leading is None:
         leading = (system,) if leading_argument(function) == "system" else ()
@@ -265,25 +265,29 @@ class Composer:
     def _parameters(
         self, table: Mapping[str, ParameterSpec | float | str], key: str
     ) -> tuple[Parameter, ...]:
-        sections = {
-            n: p if isinstance(p, ParameterSpec) else ParameterSpec(value=p)
-            for n, p in table.items()
-        }
-        return self._each(Parameter, sections, f"{key}.parameters")
+        return self._each(Parameter, table, f"{key}.parameters", alone=(ParameterSpec, "value"))
 
     def _each(
         self,
         kind: Callable[..., T],
-        table: Mapping[str, Section],
+        table: Mapping[str, Section | Value],
         key: str,
         names: Names | None = None,
+        alone: tuple[type[Section], str] = (Section, ""),
     ) -> tuple[T, ...]:
-        """What the sections of a table define, by their names."""
+        """What the sections of a table define, by their names.
+
+        alone: the section, and its key, of a value that stands in place of one.
+        """
         made = []
-        for name, spec in table.items():
+        for name, written in table.items():
+            if isinstance(written, Section):
+                spec = written
+            else:
+                spec = alone[0].model_validate({alone[1]: written})
             with at(self.file, f"{key}.{name}"):
                 check_unit(getattr(spec, "unit", "1"))
-                said = spec.read(self.file, f"{key}.{name}", names=names)
+                said = spec.read(self.file, f"{key}.{name}", names=names, alone=spec is not written)
                 made.append(kind(name, **said))
         return tuple(made)
 
@@ -293,7 +297,7 @@ class Composer:
         result = {}
         for name, text in table.items():
             with at(self.file, f"{key}.{name}"):
-                result[name] = parse_expression(text, names)
+                result[name] = parse_formula(text, names)
         return result
 
     def _with_definitions(self, table: Mapping[str, str | float], names: Names, key: str) -> Names:
@@ -303,7 +307,7 @@ class Composer:
                 Quantity(name)
                 if name in names:
                     raise ScenarioError(f"'{name}' is already declared")
-                names[name] = parse_expression(text, names)
+                names[name] = parse_formula(text, names)
         return names
 
     def _system(self, spec: SystemSpec) -> System:
@@ -352,8 +356,8 @@ class Composer:
                 high.append(sp.oo)
                 continue
             with at(self.file, f"{key}.{name}.bounds"):
-                low.append(parse_expression(spec.bounds[0], names))
-                high.append(parse_expression(spec.bounds[1], names))
+                low.append(parse_formula(spec.bounds[0], names))
+                high.append(parse_formula(spec.bounds[1], names))
         return Box(tuple(low), tuple(high))
 
     def scope(self) -> Names:
@@ -452,11 +456,10 @@ class Composer:
         drawn = self.drawn.values() if key == "goal" else ()
         self.declare((*self._parameters(spec.parameters, key), *drawn))
         names = self._with_definitions(spec.definitions, self.scope(), key)
-        sections = {
-            n: InequalitySpec.model_validate({"expression": c}) if isinstance(c, str | float) else c
-            for n, c in spec.constraints.items()
-        }
-        inequalities = self._each(Inequality, sections, f"{key}.constraints", names)
+        alone = InequalitySpec, "expression"
+        inequalities = self._each(
+            Inequality, spec.constraints, f"{key}.constraints", names, alone=alone
+        )
         shapes = tuple(
             composed_shape(self.file, f"{key}.scene.{i}", shape, names, self.known)
             for i, shape in enumerate(spec.scene)

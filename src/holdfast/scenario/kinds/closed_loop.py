@@ -8,7 +8,7 @@ steady as a number is: the vehicle feels its value where it rests.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -31,7 +31,7 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
-from holdfast.maths.expressions.parser import parse_expression, parse_number
+from holdfast.maths.expressions.parser import parse_expression, parse_formula, parse_number
 from holdfast.scenario.build.closed_loop import (
     commander_of,
     composed_law,
@@ -347,8 +347,17 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         with at(file, key):
             return parse_number(expression, timeless, values)
 
-    def expressions(table: Mapping[str, object], key: str) -> dict[str, sp.Expr]:
-        return {k: _parsed(file, f"{key}.{k}", v, timeless) for k, v in table.items()}
+    def expressions(
+        table: Mapping[str, object],
+        key: str,
+        parse: Callable[[object, Mapping[str, sp.Expr]], sp.Expr] = parse_formula,
+        names: Mapping[str, sp.Expr] = timeless,
+    ) -> dict[str, sp.Expr]:
+        parsed = {}
+        for name, text in table.items():
+            with at(file, f"{key}.{name}"):
+                parsed[name] = parse(text, names)
+        return parsed
 
     with at(file, "varied"):
         varied = Varied(
@@ -368,10 +377,9 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         goal=goal,
         starts=starts_of(spec.starts, units, file),
         settings=settings_of(spec, units, file),
-        disturbance={
-            key: _parsed(file, f"disturbance.{key}", value, names | of_state)
-            for key, value in spec.disturbance.items()
-        },
+        disturbance=expressions(
+            spec.disturbance, "disturbance", parse_expression, names | of_state
+        ),
         plant={
             key: in_si(file, f"plant.{key}", value, {p.name: p.unit for p in plant.parameters}, key)
             for key, value in spec.plant.items()
@@ -407,11 +415,6 @@ def _plane(file: str, wanted: tuple[str, str] | None, system: System) -> tuple[s
     if {"x", "y"} <= set(names):
         return ("x", "y")
     return (names[0], names[1]) if len(names) > 1 else None
-
-
-def _parsed(file: str, key: str, value: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
-    with at(file, key):
-        return parse_expression(value, names)
 
 
 DRAWS = 180

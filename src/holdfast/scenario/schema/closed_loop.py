@@ -90,6 +90,8 @@ class DisturbanceSpec(BoundedSpec, of=[Quantity], without=["name", "angle"]):
 class MeasurementSpec(Section, of=[Measurement], without=["name", "angle", "role"]):
     """A measurement: an output equation of the states."""
 
+    expression: Expression
+
 
 class PfaffianSpec(Section, of=[PfaffianRow]):
     """One row of A(q) qdot = b: { coefficients = { x = "-sin(psi)", ... }, rhs = "0" }.

@@ -26,6 +26,7 @@ from pydantic import (
     Field,
     StringConstraints,
     ValidationError,
+    ValidationInfo,
     WrapValidator,
     model_validator,
 )
@@ -35,7 +36,7 @@ from holdfast.arguments import Least, Two, Unit, UnitsOf, hints_of
 from holdfast.errors import HoldfastError, RenamedWarning, ScenarioError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, to_si
 from holdfast.maths.definitions.system import FlatOutput
-from holdfast.maths.expressions.parser import parse_expression
+from holdfast.maths.expressions.parser import parse_formula
 
 Value = float | str
 """A number in SI units, or text with a unit such as "30 deg"."""
@@ -112,21 +113,23 @@ class Section(BaseModel):
         names: Mapping[str, sp.Expr] | None = None,
         *,
         defaults: bool = False,
+        alone: bool = False,
     ) -> dict[str, Any]:
         """The arguments of its functions that are written: numbers in SI units, expressions.
 
         units: what the names in tables by name are -> name -> unit. names: those that expressions
-        may have. defaults: with those of what is not written. `ScenarioError` with the key for what
-        does not fit.
+        may have. defaults: with those of what is not written. alone: whether the file has its one
+        value in place of the table. `ScenarioError` with the key for what does not fit.
         """
         asked = self.units if defaults else [n for n in self.units if n in self.model_fields_set]
         said = {n: value for n in asked if (value := getattr(self, n)) is not None}
         read = _Reader(file, units or {}, dict(names or {}), getattr(self, "unit", ""))
-        return {n: read(value, self.units[n], f"{key}.{n}") for n, value in said.items()}
+        places = {n: key if alone else f"{key}.{n}" for n in said}
+        return {n: read(value, self.units[n], places[n]) for n, value in said.items()}
 
     @model_validator(mode="before")
     @classmethod
-    def _with_former_keys(cls, data: object) -> object:
+    def _with_former_keys(cls, data: object, info: ValidationInfo) -> object:
         if not isinstance(data, Mapping):
             return data
         table = dict(data)
@@ -141,8 +144,8 @@ class Section(BaseModel):
             table[key] = values[value] if values else value
             shown = f" = {str(table[key]).lower()}" if values else ""
             warnings.warn(
-                f"the key '{former}' is now '{key}': write {key}{shown}; the former goes with "
-                "the next release",
+                f"{info.context or ''}the key '{former}' is now '{key}': write {key}{shown}; "
+                "the former goes with the next release",
                 RenamedWarning,
                 stacklevel=2,
             )
@@ -256,7 +259,7 @@ class _Reader:
             return {n: self(v, of[n], f"{key}.{n}") for n, v in value.items()}
         with at(self.file, key):
             if meaning is sp.Expr:
-                return parse_expression(value, self.names)
+                return parse_formula(value, self.names)
             return to_si(
                 value, (meaning.name if isinstance(meaning, Unit) else str(meaning)) or self.unit
             )
@@ -315,7 +318,8 @@ def _placed(file: str, key: str, error: HoldfastError) -> ScenarioError:
 def validated(model: type[S], data: object, file: str, prefix: str = "") -> S:
     """`data` as `model`; `ScenarioError` for the first error."""
     try:
-        return model.model_validate(data)
+        place = f"{file}: {prefix}: " if prefix else f"{file}: "
+        return model.model_validate(data, context=place)
     except pydantic.ValidationError as error:
         # among the alternatives of a union the deepest error is the most specific
         first = max(
@@ -328,13 +332,11 @@ def validated(model: type[S], data: object, file: str, prefix: str = "") -> S:
 def _keys(data: object, location: Sequence[str | int]) -> list[str]:
     """The part of pydantic's location that is in the file; it adds tags of union members."""
     keys = []
-    for number, part in enumerate(location):
+    for part in location:
         inside = isinstance(data, dict) and part in data
         if inside or (isinstance(data, list) and isinstance(part, int) and part < len(data)):
             data = data[part]  # type: ignore[index]
-        elif number < len(location) - 1 or not isinstance(data, dict):
-            continue
-        keys.append(str(part))
+            keys.append(str(part))
     return keys
 
 
@@ -342,6 +344,8 @@ def _complaint(
     model: type[Section], data: object, error: Any, file: str, prefix: str
 ) -> ScenarioError:
     path = _keys(data, error["loc"])
+    if error["type"] == "missing":
+        path.append(str(error["loc"][-1]))
     key = ".".join([prefix, *path] if prefix else path) or "the file"
     if error["type"] == "extra_forbidden":
         keys = _known_keys(model, error["loc"])
