@@ -286,8 +286,8 @@ LEAF_PLACES = ("t", "q", "x", "p", "out")
 
 class _Fixing(ast.NodeTransformer):
     """A function for one program: an attribute that is fixed, or an entry of one, is its value; of
-    `if` and `or` with such a condition there remains what is done; a loop over `each(...)`, with a
-    fixed number of turns, is written out."""
+    `if`, and of `or` and `and` whose fixed parts stand first, there remains what is done; a loop
+    over `each(...)`, with a fixed number of turns, is written out."""
 
     def __init__(self, fixed: Mapping[str, Fixed]) -> None:
         self.fixed = dict(fixed)

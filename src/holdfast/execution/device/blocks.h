@@ -1,12 +1,12 @@
 /* Kernels that a C++ compiler and CUDA's take alike.
  *
- * Blocks of HF_THREADS threads run in any order. HF_EACH(t) is what every thread t of a block does;
- * HF_OVER_THREADS, HF_OVER_BLOCKS and HF_OVER_ALL share the numbers of a range among the threads of
- * a block, the blocks, and the threads of all blocks; hf_wait parts what the threads of a block have
- * to end before any of them goes on; hf_add and hf_most change an entry that others change. In C++ the threads of a block
- * follow one another, and so do the blocks. HF_CALLED is a function that is called, HF_FUNCTION one
- * that is a part of what calls it. Every operation is one that IEEE 754 defines; none is
- * fused but by a call of fma, so that both compilers give the same bits.
+ * Blocks of HF_THREADS threads run in any order. HF_OVER_THREADS, HF_OVER_BLOCKS and HF_OVER_ALL
+ * share the numbers of a range among the threads of a block, the blocks, and the threads of all
+ * blocks; hf_wait parts what the threads of a block have to end before any of them goes on; hf_add
+ * and hf_most change an entry that others change. In C++ the threads of a block follow one another,
+ * and so do the blocks. HF_CALLED is a function that is called, HF_FUNCTION one that is a part of
+ * what calls it. Every operation is one that IEEE 754 defines; none is fused but by a call of fma,
+ * so that both compilers give the same bits.
  */
 #define HF_THREADS 128
 
@@ -27,7 +27,6 @@ typedef unsigned long long uint64_t;
 #define HF_CALLED static __device__ __noinline__
 #define HF_KERNEL extern "C" __global__ void __launch_bounds__(HF_THREADS)
 #define HF_SHARED __shared__
-#define HF_EACH(t) for (int t = threadIdx.x, hf_once = 1; hf_once; hf_once = 0)
 #define HF_BLOCK ((hf_int)blockIdx.x)
 #define HF_BLOCKS ((hf_int)gridDim.x)
 #define HF_OVER_THREADS(k, first, last)                                                            \
@@ -63,7 +62,6 @@ using std::ceil; using std::isfinite; using std::isnan; using std::fabs; using s
 #define HF_CALLED static inline
 #define HF_KERNEL extern "C" void
 #define HF_SHARED static thread_local
-#define HF_EACH(t) for (int t = 0; t < HF_THREADS; t++)
 #define HF_BLOCK hf_block
 #define HF_BLOCKS hf_blocks
 #define HF_OVER_THREADS(k, first, last) for (k = (first); k < (last); k++)

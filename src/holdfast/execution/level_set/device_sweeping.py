@@ -46,7 +46,7 @@ SHARED = 1 << 15
 
 
 def device_layout(shape: Sequence[int], of_row: int) -> tuple[int, int, int, int]:
-    """As `units.layout`: what depends on the rows of a unit is shared by a block of threads."""
+    """As `layout`: what depends on the rows of a unit is shared by a block of threads."""
     rows = max(1, SHARED // (8 * (of_row + 1)))
     return layout(shape, min(MOST_NODES, rows * shape[-1]), MOST_NODES)
 
