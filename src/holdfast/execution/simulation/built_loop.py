@@ -97,7 +97,7 @@ def read_for(shape: Shape, layout: Layout, kind: Kind, *, stoppable: bool = True
         "shared": (counts["seen"] - shape.shared) * width,
         "answered": at["answer" if blended else "command"],
         "produced": at["actuation"] + 2 * shape.limited * width,
-        "wander": at["plant"] + (shape.numbers - 1 - shape.wandering) * width,
+        "wander": layout.recorded.get("wander", (0, 0))[0],
         "table": layout.tables[0], "other_table": layout.tables[1],
         **{f"{name}_prepared": at[name] + (counts[name] - shape.prepared) * width
            for name in ("plant", "gains")},
