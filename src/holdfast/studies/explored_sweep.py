@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -101,7 +102,7 @@ def sweep_file(scenario: str) -> Path | None:
     if path.suffix == ".nc":
         return path
     named = scenario in scenario_names() or path.suffix == ".toml"
-    return path / TABLE if path.is_dir() and not named else None
+    return path / TABLE if os.path.isdir(path) and not named else None  # no name is too long for it
 
 
 def explored_sweep(

@@ -1,6 +1,7 @@
 """Exported laws have every bit of the simulated ones: commands, actuators, slack, modes, memory."""
 
 import ctypes
+import tomllib
 from importlib.resources import files
 
 import numpy as np
@@ -104,7 +105,8 @@ SOME = ["ch3-unknown-current", "ch5-viable-goal-set", "observed", *MADE]
 SCENARIOS = sorted(
     path.name.removesuffix(".toml")
     for path in files("holdfast.scenarios").iterdir()
-    if path.name.endswith(".toml") and not path.name.startswith("ch7-")
+    if path.name.endswith(".toml")
+    and {"law", "formation"} & set(tomllib.loads(path.read_text("utf-8")))
 )
 """Those of closed loops; the laws of kernels are those of `MADE`."""
 
