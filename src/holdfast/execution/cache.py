@@ -122,10 +122,11 @@ def _warn_once(message: str) -> None:
 
 
 @cache
-def code_digest() -> str:
-    """A digest of the code that results depend on, so that another version computes them anew."""
+def code_digest(room: str = ".") -> str:
+    """A digest of the code that results depend on, or of one room of it, so that another version
+    computes them anew."""
     digest = hashlib.sha256()
-    for path in sorted(Path(str(resources.files("holdfast"))).rglob("*.py")):
+    for path in sorted((Path(str(resources.files("holdfast"))) / room).rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

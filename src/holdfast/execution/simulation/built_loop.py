@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
+from holdfast.execution.cache import Stored, code_digest
 from holdfast.execution.codegen.lane_leaves import (
     crossing_leaves,
     mode_leaves,
@@ -16,7 +18,7 @@ from holdfast.execution.codegen.lane_leaves import (
 )
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.scalar_llvm import LeafCalls, scalars_text
-from holdfast.execution.codegen.scalar_reader import Fixed, Scalars, read, text_of
+from holdfast.execution.codegen.scalar_reader import Fixed, read, text_of
 from holdfast.execution.simulation.layout import Layout, Shape
 
 
@@ -58,13 +60,19 @@ class Loop:
 
 @lru_cache(KEPT)
 def built(shape: Shape, kind: Kind) -> Loop:
-    """The loop of programs of this shape and kind."""
+    """The loop of programs of this shape and kind; its text is read once, and kept on the disk."""
     layout, staged = Layout(shape), shape.handed > 0
-    functions = read_for(shape, layout, kind)
-    roots = [f"holdfast_{name}" for name in WHOLE_RUNS + STAGES * staged]
-    called = functions.called(roots)
-    calls = LeafCalls(shape.width, called, kind.direct)
-    text = scalars_text(functions, roots, leaves=calls)
+    fixed = fixed_for(shape, layout, kind)
+    stored, key = Stored("loop", code_digest("execution")), (fixed, shape.width, staged)
+    data = stored.load(key)
+    if data is None:
+        functions = read(text_of("simulation/loop"), fixed)
+        roots = [f"holdfast_{name}" for name in WHOLE_RUNS + STAGES * staged]
+        names = functions.called(roots)
+        calls = LeafCalls(shape.width, names, kind.direct)
+        data = json.dumps([scalars_text(functions, roots, leaves=calls), names]).encode()
+        stored.save(key, data)
+    text, called = json.loads(data)
     return Loop(text, tuple(called), own_leaves(shape, kind), layout, staged)
 
 
@@ -84,8 +92,8 @@ def own_leaves(shape: Shape, kind: Kind) -> dict[str, Leaf]:
     )  # fmt: skip
 
 
-def read_for(shape: Shape, layout: Layout, kind: Kind, *, stoppable: bool = True) -> Scalars:
-    """The functions of `loop.py` for programs of this shape and kind."""
+def fixed_for(shape: Shape, layout: Layout, kind: Kind, stoppable: bool = True) -> dict[str, Fixed]:
+    """The values of the names that `loop.py` knows of programs of this shape and kind."""
     width, n, at, counts = shape.width, shape.states, layout.at, layout.counts
     blended = shape.modes > 1 or shape.safeguarded
     single = SINGLE if shape.single else ""
@@ -117,4 +125,4 @@ def read_for(shape: Shape, layout: Layout, kind: Kind, *, stoppable: bool = True
         "names.keep": f"keep_lanes{single}",
         "names.look_up": f"{'look_in_cells_lanes' if shape.of_cells else LOOK_UP}{single}",
     }  # fmt: skip
-    return read(text_of("simulation/loop"), fixed)
+    return fixed

@@ -20,7 +20,7 @@ from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.execution.codegen.scalar_llvm import LEAF
-from holdfast.execution.codegen.scalar_reader import Scalars, scalars
+from holdfast.execution.codegen.scalar_reader import Scalars, read, scalars, text_of
 from holdfast.execution.device.program import Device
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.blocks import (
@@ -31,7 +31,7 @@ from holdfast.execution.simulation.blocks import (
     write_notes,
     write_records,
 )
-from holdfast.execution.simulation.built_loop import SINGLE, Kind, own_leaves, read_for
+from holdfast.execution.simulation.built_loop import SINGLE, Kind, fixed_for, own_leaves
 from holdfast.execution.simulation.layout import Layout, shape_of
 from holdfast.execution.simulation.settings import Settings, Trajectories
 from holdfast.execution.table_in_parts import in_memory
@@ -147,7 +147,8 @@ def _places(layout: Layout, numbers: Numbers) -> tuple[list[int], dict[tuple[str
 def _text(program: ClosedLoopProgram, kind: Kind, layout: Layout) -> str:
     """The kernel `hf_simulate` of a program."""
     shape = shape_of(program, width=1)
-    loop, root = read_for(shape, layout, kind, stoppable=False), ["simulate"]
+    fixed, root = fixed_for(shape, layout, kind, stoppable=False), ["simulate"]
+    loop = read(text_of("simulation/loop"), fixed)
     by_name = {**own_leaves(shape, kind), **program.leaves}
     called = loop.called(root)
     leaves = leaves_cpp({name: by_name[name] for name in called if name in by_name})
