@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from whole import RECORD
 
-from tests.conftest import LEFT_OUT
+from tests.conftest import LEFT_OUT, NO_CASE
 
 ROOT = Path(__file__).parent.parent
 CHECKS = (ROOT / ".ci" / "run").read_text("utf-8")
@@ -74,6 +74,12 @@ def test_versions_of_all_that_the_checks_install_are_held():
         assert requirement.specifier.contains(version), text
     for tool in ("PIP", "UV"):
         assert f'export {tool}_CONSTRAINT="$work/constraints.txt"' in CHECKS
+
+
+def test_cases_that_the_fast_run_has_are_cases_of_their_tests(pytestconfig):
+    if any("::" in name for name in pytestconfig.args):
+        pytest.skip("not all cases were collected")
+    assert not pytestconfig.stash[NO_CASE]
 
 
 @pytest.mark.skipif(not RECORD.exists(), reason="benchmarks/whole.py was not run yet")
