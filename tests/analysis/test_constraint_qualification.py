@@ -82,6 +82,7 @@ def constraints(generator, n, kind):
     return gradients, curvatures, linear, equalities(gradients, values)
 
 
+@pytest.mark.few("linear")
 @pytest.mark.parametrize("kind", ["linear", "mixed", "curved", "equalities"])
 def test_every_direction_of_a_qualified_cone_is_tangent_to_the_region(kind):
     """Redundant constraints, opposed ones, dependent gradients, in two and three states."""

@@ -149,6 +149,7 @@ def _fetch(address, done):
     done.put(hf.load(f"{address}#cart").report.system)
 
 
+@pytest.mark.heavy
 def test_processes_that_fetch_the_same_kernel_at_once_fetch_it_once(web, kernel):
     context = multiprocessing.get_context("spawn")
     done = context.Queue()

@@ -46,6 +46,7 @@ def files(folder):
     return sorted(folder.glob("leaf-*.code"))
 
 
+@pytest.mark.heavy
 def test_a_function_holds_its_machine_code(folder):
     """Else it would lead to memory that is no longer its own."""
     function, out = leaf.compiled_text(TEXTS[0]).function("f", 1), np.zeros(1)
@@ -191,6 +192,7 @@ assert len(found) == 6 and len(set(found)) == 1, found
 """
 
 
+@pytest.mark.heavy
 def test_several_threads_that_simulate_first_in_a_process_agree(folder):
     answer = subprocess.run(
         [sys.executable, "-c", THREADS], capture_output=True, text=True, timeout=120

@@ -41,6 +41,7 @@ class Instance:
         return self.exports[name](self.store, *arguments)
 
 
+@pytest.mark.few("ch2-unicycle")
 @pytest.mark.parametrize("name", ["ch2-unicycle", "inspection", "a current that wanders"])
 def test_two_runs_have_the_bits_of_simulate(name):
     changes = ["run.horizon=6"]

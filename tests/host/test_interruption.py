@@ -26,6 +26,7 @@ data = xr.Dataset({f"v{k}": (("run", "time"), numbers + k) for k in range(8)})
 """
 
 
+@pytest.mark.heavy
 def test_interrupted_writes_leave_no_file_and_no_lock_behind(tmp_path):
     """In a session that goes on, as a notebook does: the next write works."""
     code = (
@@ -54,6 +55,7 @@ write_netcdf(data, folder / "b.nc")
     assert sorted(f.name for f in tmp_path.iterdir()) == ["a.nc", "b.nc"]
 
 
+@pytest.mark.heavy
 def test_interruptions_are_tested_where_a_script_has_the_tests_in_its_background(tmp_path):
     """Its shell ignores SIGINT for them, and every process that they start would ignore it too."""
     code = (
@@ -89,6 +91,7 @@ main()
 """
 
 
+@pytest.mark.few("1")
 @pytest.mark.parametrize("times", [1, 2])
 def test_interruption_ends_a_write_that_waits_for_ever(times, tmp_path):
     lock = "lock = threading.Lock(); lock.acquire()\n        "
@@ -119,6 +122,7 @@ def test_terminated_run_leaves_no_partial_file(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.heavy
 def test_interruption_at_any_moment_exits_130_or_is_too_late(tmp_path):
     """From the first import on: four moments of a run."""
     command = ["run", "ch2-unicycle", "--no-figures", "--out", str(tmp_path / "out")]

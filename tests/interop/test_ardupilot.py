@@ -382,6 +382,7 @@ def replayed(told, rate=50):
         yield motion, (boat.t, (x, -y, 0.0), (0.0, 0.0, -psi))
 
 
+@pytest.mark.heavy
 def test_trajectory_over_a_lossy_connection_is_that_of_the_plant_to_the_bit(started):
     """Another process; 5 % each of the datagrams lost, doubled and late, both ways."""
     process, port = started()
@@ -401,6 +402,7 @@ def test_trajectory_over_a_lossy_connection_is_that_of_the_plant_to_the_bit(star
     assert output.startswith("500 steps, ")
 
 
+@pytest.mark.heavy
 def test_physics_that_was_killed_and_started_again_is_noticed_and_goes_on(started):
     process, port = started()
     with Autopilot(port=port, resend=0.05) as autopilot:

@@ -39,6 +39,7 @@ def test_closed_loop_of_python_control_goes_the_same_way():
     assert abs(changed.states[0, 5]) > abs(found.states[0, 5]) + 0.05, "a smaller gain is slower"
 
 
+@pytest.mark.few("ch2-integrator")
 @pytest.mark.parametrize("name", ["inspection", "ch2-integrator", "observed"])
 def test_sampled_loop_of_python_control_makes_the_very_steps(name):
     """With modes, a safeguard, a memory: every sample as `simulate` has it."""
@@ -201,6 +202,7 @@ def random_episodes(env, episodes, seed=0):
             yield seen, reward, info
 
 
+@pytest.mark.few("False")
 @pytest.mark.parametrize("filtered", [False, True])
 def test_random_agent_loses_the_view_in_every_episode_and_behind_the_filter_in_none(filtered):
     pytest.importorskip("gymnasium")

@@ -31,12 +31,14 @@ def cluster():
         yield found
 
 
+@pytest.mark.few("step")
 @pytest.mark.parametrize("exchange", ["stage", "step"])
 def test_two_processes_have_the_answer_of_one(cluster, exchange):
     with march_cluster(cluster.scheduler_address, exchange=exchange) as workers:
         same(kernel(), kernel(cluster=workers))
 
 
+@pytest.mark.heavy
 def test_a_worker_killed_costs_what_was_done_since_the_checkpoint(cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "REJOINS", 0.0)  # the other goes on alone
     told, killed = [], []
@@ -142,6 +144,7 @@ def test_workers_with_too_little_memory_or_another_version_are_refused(cluster, 
             kernel(cluster=workers)
 
 
+@pytest.mark.heavy
 def test_marches_at_the_same_time_do_not_mix(cluster):
     found = {}
 

@@ -699,6 +699,7 @@ def closed_loop(start, commands, keep=None, seconds=8.0):
     return np.array(told)
 
 
+@pytest.mark.heavy
 def test_pd_controller_over_mavlink_loses_the_target_and_with_the_filter_from_no_start(keep):
     """12 of the starts of the page; the filter's command is late by a sample and has 1/1000."""
     view = hf.Boundary(keep.system, hf.regions.camera_view())
@@ -744,6 +745,7 @@ def until(done, *ends, patience=60.0):
     raise AssertionError("it does not happen")
 
 
+@pytest.mark.heavy
 def test_component_that_was_killed_and_started_again_filters_again(keep):
     """A process of its own; the vehicle and the controller go on, and know nothing of it."""
     commands = ManualControl(keep.system)

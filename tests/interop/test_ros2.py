@@ -134,6 +134,7 @@ def silent_for(records, lost):
 # -- between processes
 
 
+@pytest.mark.heavy
 def test_view_is_kept_over_ros_2_from_starts_from_which_the_controller_alone_loses_it(hub, begin):
     """Three vehicles and their controllers in a process, three filters in another."""
     vehicle = hf.systems.marine_vehicle()
@@ -163,6 +164,7 @@ def test_view_is_kept_over_ros_2_from_starts_from_which_the_controller_alone_los
             one.node.close()
 
 
+@pytest.mark.heavy
 def test_killed_controller_and_killed_vehicle_are_said_and_the_node_goes_on(begin, monitor):
     start = ",".join(map(str, LOST_BY_THE_CONTROLLER[0]))
     node = begin(UNDER_THE_COMMAND_LINE, "/")
@@ -203,6 +205,7 @@ def test_killed_controller_and_killed_vehicle_are_said_and_the_node_goes_on(begi
     assert monitor.commands[-1].force.x == 0.0
 
 
+@pytest.mark.heavy
 def test_ctrl_c_ends_the_node_cleanly_and_its_name_leaves_the_graph(begin, monitor):
     node = begin(FILTER, "/")
 

@@ -67,6 +67,7 @@ def error(value):
     return np.array(found) - [HALF - sideways(*pose) for pose in POSES]
 
 
+@pytest.mark.heavy
 def test_car_that_cannot_stop_is_kept_on_its_lane_from_the_poses_of_its_tightest_turn():
     """Cells of 8 cm, 7.5 and 3.6 deg: nowhere too wide, at most 11 cm too narrow."""
     wrong = error(kernel(31))

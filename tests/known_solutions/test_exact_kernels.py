@@ -63,6 +63,7 @@ def test_population_of_aubin_converges_to_its_kernel():
     assert order_of(errors)[0] > 1.3
 
 
+@pytest.mark.few("upwind-percent0")
 @pytest.mark.parametrize(
     ("scheme", "percent"),
     [
@@ -83,6 +84,7 @@ def test_braking_before_two_walls_against_a_disturbance(scheme, percent):
     assert errors == pytest.approx(percent, rel=0.06, abs=0.003)
 
 
+@pytest.mark.few("global-None")
 @pytest.mark.parametrize(
     ("dissipation", "kept"), [("local-local", 0.108), ("local", None), ("global", None)]
 )
@@ -105,6 +107,7 @@ def test_speeds_that_two_slopes_allow_leave_a_kernel_where_two_players_nearly_ba
         assert found.extent()["x"] == pytest.approx((-kept, kept), abs=0.001)
 
 
+@pytest.mark.few("local")
 @pytest.mark.parametrize("dissipation", ["global", "local", "local-local"])
 def test_every_dissipation_gives_the_braking_kernel(dissipation):
     problem = braking()
@@ -114,6 +117,7 @@ def test_every_dissipation_gives_the_braking_kernel(dissipation):
     assert area(found) / problem.volume == pytest.approx(1, abs=0.006)
 
 
+@pytest.mark.few("1-41-weno5-0.15", "2-41-weno5-0.15")
 @pytest.mark.parametrize(
     ("dimension", "nodes", "scheme", "share"),
     [(1, 41, "weno5", 0.15), (2, 41, "weno5", 0.15), (3, 31, "weno5", 0.5), (4, 17, "weno5", 0.5),
@@ -198,6 +202,9 @@ def test_barrier_of_two_aircraft():
     assert np.abs(found.at(problem.points)).max() < 0.12  # a quarter of a cell
 
 
+@pytest.mark.few(
+    "40-weno5", "80-upwind", "80-eno2", "80-eno3", "80-weno5", "81-upwind", "81-eno3", "81-weno5"
+)
 @pytest.mark.parametrize("scheme", ["upwind", "eno2", "eno3", "weno5"])
 @pytest.mark.parametrize("nodes", [40, 80, 81])
 def test_ridge_between_the_nodes_falls_as_one_on_a_node_does(scheme, nodes):
@@ -224,6 +231,7 @@ def test_ridge_between_the_nodes_falls_as_one_on_a_node_does(scheme, nodes):
         assert found.contains([[at, exact + 1.1 * cell]])[0], (at, exact)
 
 
+@pytest.mark.few("weno5-111", "eno3-111", "eno3-221")
 @pytest.mark.parametrize("nodes", [56, 111, 221])
 @pytest.mark.parametrize("scheme", ["weno5", "eno3"])
 def test_a_parabola_that_is_carried_against_a_disturbance_ends_where_the_way_does(scheme, nodes):

@@ -86,6 +86,7 @@ def test_set_that_a_jump_of_the_value_bounds_may_be_too_large():
     assert value.extent()["x"] == pytest.approx((-0.269, 0.269), abs=5e-4)
 
 
+@pytest.mark.few("line-33-0.064-0.48", "line-65-0.0-0.55", "cart-41-0.0-0.81")
 @pytest.mark.parametrize(
     ("problem", "nodes", "false", "share"),
     [
@@ -134,6 +135,7 @@ DISC = unstable(hf.Ball(1.0, 2), lambda q: np.hypot(*q.T))
 BOX = unstable(hf.Box((-1, -1), (1, 1)), lambda q: np.abs(q).max(axis=1))
 
 
+@pytest.mark.few("problem1-options1-shares1")
 @pytest.mark.parametrize(
     ("problem", "options", "shares"),
     [
@@ -181,6 +183,7 @@ def test_value_that_does_not_jump_is_not_said_to():
     assert population(81)[0].report.jumps
 
 
+@pytest.mark.few("global-41-0.0")
 @pytest.mark.parametrize(
     ("dissipation", "nodes", "share"),
     [
@@ -247,6 +250,7 @@ sample_time = "2 ms"
 """
 
 
+@pytest.mark.heavy
 def test_promise_checks_the_inner_set_of_a_scenario(tmp_path):
     path = tmp_path / "line.toml"
     path.write_text(LINE)

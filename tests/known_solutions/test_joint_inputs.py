@@ -36,6 +36,7 @@ def held(radius, nodes, **options):
     return (inside & exact).sum() / exact.sum(), beyond / (3.2 / (nodes - 1))
 
 
+@pytest.mark.few("0.0-41-options0-0.99")
 @pytest.mark.parametrize(
     ("radius", "nodes", "options", "share"),
     [
@@ -54,6 +55,7 @@ def test_a_ridge_of_an_input_on_both_axes_does_not_wear(radius, nodes, options, 
     assert beyond < 1.0
 
 
+@pytest.mark.few("eno2")
 @pytest.mark.parametrize("scheme", ["weno5", "eno2"])
 def test_a_ball_that_turns_and_pushes_against_a_disturbance_keeps_its_set(scheme):
     """Its axes turn with the state, and another player acts beside it: all of the set was lost."""

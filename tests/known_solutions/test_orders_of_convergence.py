@@ -42,6 +42,7 @@ def test_every_problem_is_on_the_page_with_its_grids():
         assert f"| {p.name} | {p.what} | {grids(p)} | {near} |" in PAGE.read_text("utf-8")
 
 
+@pytest.mark.few("smooth-eno3")
 @pytest.mark.parametrize(
     ("name", "scheme"), FAST + [pytest.param(*c, marks=pytest.mark.heavy) for c in SLOW]
 )

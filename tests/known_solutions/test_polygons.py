@@ -176,12 +176,14 @@ def test_a_kernel_of_a_finite_horizon_is_larger_on_a_grid_three_cells_wider():
     assert beyond == pytest.approx(5.4, abs=0.1)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("nodes", [NODES, pytest.param(121, marks=pytest.mark.heavy)])
 def test_upwind_leaves_no_kernel_too_large(nodes):
     """Where constraints meet at a corner of the grid, what is beyond it falls too."""
     assert max(apart("kernel", seed, "upwind", 4.0, nodes=nodes)[0] for seed in range(14)) == 0.0
 
 
+@pytest.mark.few("upwind-0.0-2.5-0", "upwind-0.0-2.5-1")
 @pytest.mark.parametrize(
     "seed", [*range(2), *(pytest.param(s, marks=pytest.mark.heavy) for s in range(2, 6))]
 )
@@ -198,6 +200,7 @@ def test_grid_that_ends_where_constraints_meet_is_as_good_as_a_wider_one(
         assert off[1] <= short
 
 
+@pytest.mark.few("eno2-41-seeds1")
 @pytest.mark.parametrize(
     ("scheme", "nodes", "seeds"),
     [("weno5", 41, range(3)), ("eno2", 41, range(3))]
@@ -217,6 +220,7 @@ FURTHEST = 9
 """The seed of the set that the scheme without the filter leaves furthest beyond the exact one."""
 
 
+@pytest.mark.few("{'on_disk': True}", "{'times': [2.0]}")
 @pytest.mark.parametrize(
     "options",
     [{}, {"refine": 2}, {"precision": "float32"}, {"on_disk": True}, {"times": [2.0]}],
@@ -230,6 +234,7 @@ def test_a_kernel_that_has_not_come_to_rest_is_filtered_too(options, tmp_path):
     assert short < 1.0
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("scheme", "share"), [("weno5", 0.993), pytest.param("eno3", 0.966, marks=pytest.mark.heavy)]
 )

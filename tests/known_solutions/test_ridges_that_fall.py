@@ -79,6 +79,7 @@ def kept(seed: int, states: int, nodes: int, scheme: str, **options: object) -> 
     return hf.viability_kernel(system, cube(system), grid, 2 * time, scheme=scheme, **options)
 
 
+@pytest.mark.few("0-eno2", "1-weno5", "1-eno3", "1-eno2")
 @pytest.mark.parametrize("scheme", HIGH)
 @pytest.mark.parametrize(
     "seed", [*range(2), *(pytest.param(s, marks=pytest.mark.heavy) for s in (2, 3))]
@@ -124,6 +125,7 @@ STOOD = (9, 12, 14)
 """Seeds of which schemes of high order stand still before all is won, if they are not filtered."""
 
 
+@pytest.mark.few("9-eno2-tube", "9-eno2-basin")
 @pytest.mark.parametrize("kind", ["tube", "basin"])
 @pytest.mark.parametrize("scheme", HIGH)
 @pytest.mark.parametrize(
@@ -159,12 +161,14 @@ def swaying(seed: int, nodes: int, scheme: str) -> hf.ValueFunction:
     return hf.viability_kernel(system, cube(system), grid, 1.3 * time, scheme=scheme)
 
 
+@pytest.mark.few("12-eno2")
 @pytest.mark.parametrize("scheme", HIGH)
 @pytest.mark.parametrize("seed", STOOD[:2])
 def test_no_scheme_keeps_a_state_where_rates_depend_on_time(scheme, seed):
     assert swaying(seed, 31, scheme).report.empty
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("foe", [0.0, 1e-4])
 def test_basin_whose_goal_is_there_at_its_end_alone_is_the_kernel_until_then(foe):
     """With or without a disturbance: nothing stays in the square for so long."""
@@ -200,6 +204,7 @@ def two_modes(**options: object) -> hf.ValueFunction:
     return hf.viability_kernel(system, cube(system), grid, 100.0, **options)
 
 
+@pytest.mark.few("options5")
 @pytest.mark.parametrize(
     "options",
     [
@@ -282,6 +287,7 @@ def beyond_its_barriers(name, nodes, wider, **options):
     return value, deep[inside].max(), *shares
 
 
+@pytest.mark.few("converter-0.02-41-0.75-0.0001-eno2")
 @pytest.mark.parametrize("scheme", HIGH)
 @pytest.mark.parametrize(
     ("name", "wider", "nodes", "keeps", "loses"),
@@ -313,6 +319,7 @@ def test_set_is_held_to_a_share_of_the_grid():
     assert cells == [1, 1, 2, 2, 3]
 
 
+@pytest.mark.heavy
 def test_upwind_keeps_nothing_of_the_corners_that_are_lost():
     for name, wider in (("converter", 0.02), ("blended", 0.06)):
         assert beyond_its_barriers(name, 41, wider, scheme="upwind")[1] <= 0

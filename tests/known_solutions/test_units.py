@@ -75,6 +75,7 @@ CASES = [(kind, "weno5") for kind in KINDS] + [("discriminating_kernel", s) for 
 EVERY = [(kind, scheme) for kind in KINDS for scheme in SCHEMES]
 
 
+@pytest.mark.few("invariance_kernel-weno5")
 @pytest.mark.parametrize(
     ("kind", "scheme"),
     CASES + [pytest.param(*c, marks=pytest.mark.heavy) for c in EVERY if c not in CASES],

@@ -29,6 +29,7 @@ def kernel(unit=1.0, beyond=0.0, **options):
     return hf.viability_kernel(system, square, grid, 1.5, **options)
 
 
+@pytest.mark.few("1e-09")
 @pytest.mark.parametrize("unit", [1e-15, 1e-9, 1e-3, 1e3, 1e9, 1e15])
 def test_set_is_the_same_in_every_unit(unit):
     values, same = kernel().values(), kernel(unit).values()
@@ -36,6 +37,7 @@ def test_set_is_the_same_in_every_unit(unit):
     assert same / unit == pytest.approx(values, abs=1e-5)
 
 
+@pytest.mark.few("upwind-0.001", "upwind-1000.0")
 @pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e3, 1e9])
 @pytest.mark.parametrize("scheme", ["upwind", "eno2", "weno5"])
 def test_set_in_single_precision_is_the_same_in_every_unit(unit, scheme):
@@ -46,6 +48,7 @@ def test_set_in_single_precision_is_the_same_in_every_unit(unit, scheme):
     assert same / unit == pytest.approx(values, abs=1e-3)
 
 
+@pytest.mark.few("1e+100")
 @pytest.mark.parametrize("beyond", [1e20, 1e30, 1e100])
 def test_margin_that_falls_deep_outside_the_set_changes_nothing(beyond):
     values, same = kernel().values(), kernel(beyond=beyond).values()

@@ -52,6 +52,7 @@ def test_gain_limit_of_the_videoray_is_the_reference_number(exponent, limit):
     assert float(value) == pytest.approx(limit, abs=1e-4)
 
 
+@pytest.mark.few("3.0", "5.0")
 @pytest.mark.parametrize("exponent", [1.5, 2.0, 3.0, 5.0])
 def test_gain_limit_is_where_the_linearised_closed_loop_loses_stability(vehicle, exponent):
     """Independent of the formula: the Jacobian of the promoted system in (y1/x1, v/x1)."""

@@ -225,6 +225,7 @@ def test_corner_that_cannot_be_taken_is_named():
     assert corner(fields, 0, convoy(), radius=0.8).radius == 0.8
 
 
+@pytest.mark.heavy
 def test_row_that_is_longer_than_a_cell_goes_through_it():
     """Five robots, 4 m from the first to the last, and a cell of 2 m between two corners."""
     cells = {

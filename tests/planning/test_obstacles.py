@@ -39,6 +39,7 @@ def signed(corners, points):
     return shapely.distance(shapely.points(points), polygon.exterior) * np.where(inside, -1, 1)
 
 
+@pytest.mark.heavy
 def test_distances_are_those_of_shapely(harbour):
     """The largest over the convex parts of a polygon, outside of it; of the room, its sides."""
     x, y = (q.symbol for q in harbour.reads)
@@ -103,6 +104,7 @@ def test_along_a_side_the_distance_has_no_curvature(harbour):
 U_SHAPE = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
 
 
+@pytest.mark.few("into a corner")
 @pytest.mark.parametrize(
     ("start", "options"),
     [
@@ -128,6 +130,7 @@ def test_corners_of_rooms_and_notches_are_kept_away_from(start, options):
     assert infeasible == 0
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("system", ["unicycle", "marine_vehicle"])
 def test_no_vehicle_touches_an_obstacle_whatever_it_is_commanded(system):
     """Of relative degree 1 and 2: 100 of each from rest, pushed towards the middle of the piers."""
@@ -152,6 +155,7 @@ def test_no_vehicle_touches_an_obstacle_whatever_it_is_commanded(system):
     assert kept.summary()["safeguard"]["runs_overruled"] > 60
 
 
+@pytest.mark.heavy
 @needs_gcc
 def test_filter_among_obstacles_in_c_has_the_same_bits(harbour, robot, tmp_path):
     keep = hf.SafetyFilter(robot, harbour)
@@ -216,6 +220,7 @@ tolerance = 1e-3
 """
 
 
+@pytest.mark.heavy
 def test_scenario_with_polygons_keeps_clear_of_them(tmp_path):
     path = tmp_path / "harbour.toml"
     path.write_text(SCENARIO)

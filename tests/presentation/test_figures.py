@@ -17,6 +17,7 @@ def result(request):
     return hf.load_scenario(request.param, ["run.horizon=20"], runs=12).run()
 
 
+@pytest.mark.few("ch5-viable-goal-set")
 def test_paths_have_equal_axes_units_and_one_legend(result):
     figure = hf.paths_figure(result, cone_run=1)
     figure.canvas.draw()
@@ -31,6 +32,7 @@ def test_paths_have_equal_axes_units_and_one_legend(result):
     plt.close(figure)
 
 
+@pytest.mark.few("wheeled_camera")
 def test_histories_show_every_state_input_constraint_and_signal_with_its_unit(result):
     figure = hf.histories_figure(result, 1)
     figure.canvas.draw()
@@ -66,6 +68,7 @@ def spans(axis, colour):
     return [(box.x0, box.x1) for box in boxes]
 
 
+@pytest.mark.heavy
 def test_histories_show_what_the_law_asked_for_and_mark_where_it_was_overruled(overruled):
     data = overruled.dataset.copy(deep=True)
     data["safeguard"][1, 100:110] = 2  # as where no input is admissible
@@ -168,6 +171,7 @@ def test_matplotlib_and_plotly_draw_an_outcome_in_the_same_colour(overruled):
     plt.close(figure)
 
 
+@pytest.mark.few("wheeled_camera")
 def test_no_text_of_a_figure_overlaps_another(result):
     figure = hf.histories_figure(result, 0)
     figure.canvas.draw()
@@ -183,6 +187,7 @@ def test_no_text_of_a_figure_overlaps_another(result):
     plt.close(figure)
 
 
+@pytest.mark.few("ch5-viable-goal-set")
 def test_figures_are_written_as_png_and_svg(result, tmp_path):
     names = [p.name for p in style.write(hf.paths_figure(result), tmp_path, "paths")]
     assert names == ["paths.png", "paths.svg"]

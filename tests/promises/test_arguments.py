@@ -619,6 +619,52 @@ def few_and_all(names):
     return few + [pytest.param(n, None, marks=pytest.mark.heavy, id=f"{n} all") for n in names]
 
 
+@pytest.mark.few(
+    "contingent_cone",
+    "certified_law",
+    "certified_system",
+    "decompose",
+    "solve_parts",
+    "exact_flow",
+    "export_c",
+    "export_c_header",
+    "grid",
+    "hamiltonian",
+    "load",
+    "march_memory",
+    "obstacles",
+    "observe_set",
+    "observe",
+    "outward_rates",
+    "parse_condition",
+    "parse_expression",
+    "add_unmodelled",
+    "cancel_unmodelled",
+    "lagged",
+    "limit_rates",
+    "load_vehicle",
+    "both",
+    "commanded",
+    "dynamic_extension",
+    "in_order",
+    "input_limits",
+    "promote",
+    "redesign",
+    "regulation_map",
+    "renamed",
+    "resting_state",
+    "safeguard",
+    "sampled_margin",
+    "station_keeping_limits",
+    "station_statistics",
+    "subsystem",
+    "symbol",
+    "wiener_process",
+    "ultimate_bound",
+    "viability_conditions",
+    "visibility_gains",
+    "winding_number",
+)
 @pytest.mark.parametrize(("name", "some"), few_and_all(FUNCTIONS))
 def test_nonsense_is_refused_by_functions(name, some):
     wrong = attempts(getattr(hf, name), FUNCTIONS[name](), some)
@@ -626,12 +672,72 @@ def test_nonsense_is_refused_by_functions(name, some):
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.few(
+    "Ball",
+    "Box",
+    "Boundary",
+    "GainCondition",
+    "Controller",
+    "Inequality",
+    "Law",
+    "Antiderivative",
+    "FlatOutput",
+    "LinearImage",
+    "Measurement",
+    "Memory",
+    "Parameter",
+    "PfaffianRow",
+    "Product",
+    "Quantity",
+    "Region",
+    "Starts",
+    "Switching",
+    "System",
+    "Transition",
+    "Varied",
+)
 @pytest.mark.parametrize("name", CLASSES)
 def test_nonsense_is_refused_by_definitions(name):
     wrong = attempts(getattr(hf, name), CLASSES[name]())
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.few(
+    "marine_vehicle",
+    "unicycle",
+    "drifting_unicycle",
+    "slipping_unicycle",
+    "nonholonomic_integrator",
+    "chained_form",
+    "car",
+    "front_axle_car",
+    "tractor_trailer",
+    "chain",
+    "marine_craft",
+    "face_target",
+    "back_off",
+    "move_ahead",
+    "align_unicycle",
+    "dock_marine",
+    "project_marine",
+    "approach_leader",
+    "follow_leader",
+    "keep_footprint",
+    "camera_and_lasers",
+    "camera_view",
+    "hitch_angles",
+    "inspection_goal",
+    "leader_in_footprint",
+    "leader_in_view",
+    "near_origin",
+    "near_pose",
+    "steering_angle",
+    "dipolar",
+    "dipole_like",
+    "dipole_in_current",
+    "electric_dipole",
+    "charge_pair",
+)
 @pytest.mark.parametrize(("name", "some"), few_and_all(CATALOGUE))
 def test_nonsense_is_refused_by_the_catalogue(name, some):
     function, leading = CATALOGUE[name]

@@ -75,6 +75,35 @@ def test_every_entry_is_described_with_its_source(entry):
         assert parameter.unit
 
 
+@pytest.mark.few(
+    "marine_vehicle",
+    "unicycle",
+    "drifting_unicycle",
+    "slipping_unicycle",
+    "nonholonomic_integrator",
+    "chained_form",
+    "car",
+    "front_axle_car",
+    "tractor_trailer",
+    "chain",
+    "marine_craft",
+    "face_target",
+    "back_off",
+    "move_ahead",
+    "follow_integrator",
+    "project_marine",
+    "approach_leader",
+    "follow_leader",
+    "keep_footprint",
+    "camera_and_lasers",
+    "camera_view",
+    "inspection_goal",
+    "leader_in_footprint",
+    "leader_in_view",
+    "near_origin",
+    "near_pose",
+    "steering_angle",
+)
 @pytest.mark.parametrize(
     "function",
     [*hf.systems.ALL, *hf.laws.ALL, *hf.regions.ALL, *hf.fields.ALL],
@@ -87,6 +116,16 @@ def test_every_entry_can_be_shown(function):
     assert max(len(line) for line in text.splitlines()) < 160
 
 
+@pytest.mark.few(
+    "slipping_unicycle",
+    "nonholonomic_integrator",
+    "chained_form",
+    "marine_vehicle1",
+    "marine_vehicle2",
+    "marine_craft4",
+    "unicycle1",
+    "marine_vehicle3",
+)
 @pytest.mark.parametrize("system", SYSTEMS, ids=named)
 def test_velocities_respect_the_pfaffian_constraint_in_compiled_code(system):
     zero = hf.Law("zero", system.states, dict.fromkeys(system.input_names, sp.S.Zero))
@@ -117,6 +156,16 @@ def test_every_system_is_affine_in_its_inputs_and_disturbances(system):
                 assert rate.diff(a).diff(b) == 0
 
 
+@pytest.mark.few(
+    "back_off",
+    "move_ahead",
+    "follow_integrator",
+    "steer_chained",
+    "project_marine",
+    "approach_leader",
+    "follow_leader",
+    "optimal inputs of drifting_unicycle, kept safe",
+)
 @pytest.mark.parametrize("law", LAWS, ids=named)
 def test_every_law_is_finite_everywhere_and_bounded_near_its_goal(law):
     """A law with modes: in the mode it starts in, that is, after the guards of its first one."""
@@ -145,6 +194,7 @@ def active(law, at):
     return law.modes[mode]
 
 
+@pytest.mark.few("camera_view", "hitch_angles", "near_pose", "steering_angle")
 @pytest.mark.parametrize("region", REGIONS, ids=named)
 def test_gradients_of_every_region_are_the_limits_of_difference_quotients(region):
     generator = np.random.default_rng(4)
@@ -196,6 +246,7 @@ def test_kinetic_energy_of_a_hull_never_grows_without_thrust(system):
         assert power <= 1e-12
 
 
+@pytest.mark.few("dipolar", "dipole_like", "electric_dipole")
 @pytest.mark.parametrize("field", FIELDS, ids=named)
 def test_index_of_every_field_by_its_sectors_is_the_one_counted_on_a_circle(field):
     """Bendixson's 1 + (e - h) / 2 against the turns of F; in N > 2 in a plane through p."""

@@ -38,6 +38,7 @@ def test_every_craft_is_promised():
     assert set(POSE) == {n for n in CRAFT if not hf.load_vehicle(n).pfaffian}
 
 
+@pytest.mark.few("bluerov2_planar", "cybership_ii_full", "milliampere", "supply_vessel")
 @pytest.mark.parametrize("name", CRAFT)
 def test_craft_without_a_sway_force_is_explained_and_one_with_it_is_no_nonholonomic_system(name):
     craft = hf.load_vehicle(name)
@@ -69,6 +70,7 @@ def test_coriolis_force_of_every_craft_does_no_work(name):
         assert abs(nu @ inertia @ change) <= 1e-12 * size
 
 
+@pytest.mark.few("at once-milliampere")
 @pytest.mark.parametrize("name", POSE)
 @pytest.mark.parametrize("late", [False, True], ids=["at once", "late"])
 def test_dynamic_positioning_brings_every_fully_actuated_craft_to_its_pose(name, late):
@@ -112,6 +114,7 @@ def ahead(craft, speed, time):
     return hf.Law("ahead", craft.states, forces)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "name",
     [
@@ -179,6 +182,7 @@ def test_model_ship_passes_the_moored_vessel_that_its_law_alone_touches():
     assert (peak >= [-5.67 - 1e-2, -5.67 - 1e-2, -0.175]).all()
 
 
+@pytest.mark.heavy
 def test_ferry_passes_the_moored_boat_that_its_law_alone_touches():
     """300 of 300 arrive, by the forces of two azimuth thrusters; of the law alone 81 keep clear."""
     scenario = hf.load_scenario("ferry-quay")
@@ -200,6 +204,7 @@ def test_ferry_passes_the_moored_boat_that_its_law_alone_touches():
     assert alone.viable == 81
 
 
+@pytest.mark.few("remus_100-gains1-0")
 @pytest.mark.parametrize(
     ("name", "gains", "arrived"), [("otter", (5.0, 10.0), 19), ("remus_100", (2.0, 6.0), 0)]
 )

@@ -40,6 +40,7 @@ def jobs(tmp_path, monkeypatch):
     return tmp_path / "jobs"
 
 
+@pytest.mark.few("{jobs}/loop.toml")
 @pytest.mark.parametrize("name", ["../jobs/loop.toml", "{jobs}/loop.toml"])
 def test_kernel_is_found_beside_the_file_that_names_it(jobs, name):
     assert load_scenario(name.format(jobs=jobs)).run().viable == 1

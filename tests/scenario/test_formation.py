@@ -148,6 +148,26 @@ def test_robot_behind_a_wall_is_not_seen(corridor):
     assert found["sight1"] == pytest.approx(0.211, abs=2e-3)
 
 
+@pytest.mark.few(
+    "environment.robot_radius=0.9-cell 'west' is narrower than a robot",
+    "environment.robot_radius=-1-robot_radius is -1",
+    "environment.cells.south=[[-1, -5], [1.4, -5], [1.4, 0.8], [-1, 0.8]]-overlap by",
+    "environment.cells.south=[[0, 0], [1, 0]]-cell 'south' has 2 vertices",
+    "environment.geojson='rooms.geojson'-give either cells or geojson",
+    "leader.goal=[5, 5]-the goal (5, 5) is outside the free space",
+    "leader.goal=[5]-leader.goal",
+    "leader.start={x = -9, y = 0, theta = 0}-the leader starts at (-9, 0), outside",
+    "leader.start={x = 1, y = 0}-leader.start: 'theta' is missing",
+    "leader.start={x = 0.6, y = -3, theta = 0}-start in different cells",
+    "figures.plane=['xL', 'yL']-figures.plane: unknown key",
+    "leader.colour='red'-leader.colour: unknown key",
+    "followers.starts=[]-followers.starts",
+    "followers.starts=[{x = -5.9, y = 0, theta = 0}]-follower 1 starts at",
+    "followers.law.distance=0.3-two robots of radius 0.2 m touch",
+    "followers.law={name = 'steer_unicycle'}-not made for system 'leader_follower'",
+    "followers.leader_speeds=[0.2, 0.3]-2 numbers for 1 followers",
+    "scenario.kind='formatoin'-formation",
+)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -232,6 +252,7 @@ def test_formation_has_one_start_and_one_law():
             hf.compare(name)
 
 
+@pytest.mark.heavy
 def test_run_writes_map_constraints_and_animation(tmp_path):
     changes = [*QUICK, "run.horizon=8", "figures.animate=40"]
     sets = [x for c in changes for x in ("--set", c)]
@@ -250,6 +271,7 @@ def test_run_writes_map_constraints_and_animation(tmp_path):
     assert again.dataset.attrs["kind"] == "formation"
 
 
+@pytest.mark.heavy
 def test_random_corridors_that_are_planned_are_passed():
     """Six of the 200 of the benchmark: refused with the corner, or kept all the way."""
     generator = np.random.default_rng(3)

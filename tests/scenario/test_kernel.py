@@ -35,6 +35,7 @@ def test_chapter_7_is_there():
     }  # fmt: skip
 
 
+@pytest.mark.heavy
 def test_kernel_of_a_file_is_marched_tried_and_written(cart, tmp_path):
     out = tmp_path / "out"
     done = called("run", cart, "--out", str(out))
@@ -52,6 +53,7 @@ def test_kernel_of_a_file_is_marched_tried_and_written(cart, tmp_path):
     assert value.contains([[0.0, 0.0]])[0]
 
 
+@pytest.mark.heavy
 def test_set_that_lasts_and_has_not_converged_is_no_answer(cart, tmp_path):
     done = called(
         "run", cart, "--out", str(tmp_path / "o"), "--no-figures",
@@ -126,6 +128,7 @@ def test_law_that_cannot_follow_the_rate_is_refused_before_the_march(cart):
         load_scenario(cart, changes)
 
 
+@pytest.mark.heavy
 def test_closed_loop_may_be_kept_in_the_kernel_of_another_scenario(cart, tmp_path, monkeypatch):
     monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path / "cache"))
     text = CART[CART.index("[system]") : CART.index("[grid]")]
@@ -200,6 +203,7 @@ def test_promise_that_falls_short_ends_with_exit_status_1(cart, tmp_path):
     assert said["verdict"] in done.stderr
 
 
+@pytest.mark.heavy
 def test_kernel_without_a_promise_in_its_file_is_tried_and_the_result_remembers_it(cart, tmp_path):
     Path(cart).write_text(CART.split("[promise]")[0])
     out = tmp_path / "out"
@@ -271,6 +275,7 @@ horizon = 0.2
 NARROW = "region.constraints.right={expression='x - 0.8', unit='m'}"
 
 
+@pytest.mark.heavy
 def test_kernel_of_a_weaker_region_is_refused_for_safety(cart, tmp_path):
     """The kernel keeps |x| <= 1; who asks for x <= 0.8 is told where the two differ."""
     small = cart.replace("cart.toml", "small.toml")

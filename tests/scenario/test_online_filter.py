@@ -61,6 +61,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.few("rates")
 @pytest.mark.parametrize("sets", SETTINGS.values(), ids=SETTINGS)
 def test_rates_margins_and_observer_of_the_file_are_those_of_the_filter(sets, tmp_path):
     (tmp_path / "mine.toml").write_text(EXTERNAL)
@@ -95,6 +96,7 @@ delay = 0.02
 """
 
 
+@pytest.mark.heavy
 def test_filter_over_the_kernel_of_another_scenario_has_the_law_of_its_runs(tmp_path, monkeypatch):
     monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path / "cache"))
     kernel = tmp_path / "cart.toml"
@@ -130,6 +132,7 @@ def test_scenario_without_a_filter_around_another_controller_is_refused(sets, sa
         hf.load_scenario(str(tmp_path / "mine.toml"), sets).safety_filter()
 
 
+@pytest.mark.few("ch7-any-current")
 @pytest.mark.parametrize("name", ["inspection", "ch7-any-current", "ch6-chain"])
 def test_kernels_formations_and_laws_of_holdfast_have_no_filter_around_another_controller(name):
     with pytest.raises(ScenarioError, match="external = true, and a"):

@@ -42,6 +42,7 @@ def test_law_stays_in_view_where_no_place_can_be_held_and_the_summary_says_why(t
     assert summary["outcomes"]["reached goal"] == 0
 
 
+@pytest.mark.heavy
 def test_margin_of_every_drawn_direction_falls_to_none_along_the_wall():
     found = resting_places(load_scenario("inspection-current"), draws=36)
     lost = [math.degrees(math.atan2(f.disturbance["Vy"], f.disturbance["Vx"])) for f in found.found]
@@ -82,6 +83,7 @@ def test_current_that_varies_with_time_has_no_place_at_rest():
 SHEAR = ["disturbance.Vx=speed*cos(direction)*(1 + 0.2*y)", "disturbance.Vy=speed*sin(direction)"]
 
 
+@pytest.mark.heavy
 def test_field_has_its_places_at_rest_too_and_none_along_the_wall():
     """The shear keeps the direction of a current along the wall, and turns every other one."""
     along = [ALONG.format(90), *SHEAR]

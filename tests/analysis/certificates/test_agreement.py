@@ -61,6 +61,7 @@ def checked_legs(sampling, u):
     return [(t, known | more, still | middle) for t, more, middle in legs]
 
 
+@pytest.mark.few("exact-cart", "exact-tank")
 @pytest.mark.parametrize("name", PROBLEMS)
 @pytest.mark.parametrize("how", SAMPLINGS)
 def test_checker_says_more_than_the_search(name, how):
@@ -99,6 +100,7 @@ def test_checker_says_more_than_the_search(name, how):
     assert compared >= 3
 
 
+@pytest.mark.heavy
 def test_file_of_every_kind_of_rate_is_valid(tmp_path):
     """The checker refused 7 of 20 files like these."""
     tank = hf.System(
@@ -131,6 +133,7 @@ def test_file_of_every_kind_of_rate_is_valid(tmp_path):
     assert hf.read_certificate(path).sampling.steps == found.sampling.steps
 
 
+@pytest.mark.heavy
 def test_long_holds_of_a_lake_are_certified_in_steps(tmp_path):
     """Phosphorus P and its load L, which changes slowly (a benchmark of viability theory)."""
     load, p, u = (hf.symbol(n) for n in "LPu")

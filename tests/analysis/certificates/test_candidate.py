@@ -34,6 +34,7 @@ def corners(found):
     return np.concatenate(picks)
 
 
+@pytest.mark.few("2-0.87")
 @pytest.mark.parametrize(("halvings", "share"), [(1, 0.79), (2, 0.87), (3, 0.92)])
 def test_set_that_is_too_large_is_certified_where_it_can_be_held(kernel, halvings, share, tmp_path):
     """Nothing beyond the exact disc, most of it, and every cell holds for the checker."""
@@ -82,6 +83,7 @@ def test_certified_disc_is_kept_in_the_loop(kernel):
     assert run.outcomes["stayed"] == len(starts)
 
 
+@pytest.mark.heavy
 def test_basin_is_a_candidate_of_what_leads_to_its_target():
     pushed, floor = cart()
     grid = hf.grid(pushed, {"x": (-1.2, 1.2), "v": (-2.4, 2.4)}, 41)
@@ -106,6 +108,7 @@ SPACE = hf.System(
 )  # fmt: skip
 
 
+@pytest.mark.heavy
 def test_set_in_three_states_is_certified_where_it_can_be_held(tmp_path):
     """The ball of 1 m can be held: nothing beyond it is certified, and most of it is."""
     region = hf.Region(
@@ -120,6 +123,7 @@ def test_set_in_three_states_is_certified_where_it_can_be_held(tmp_path):
     assert check(str(found.write(tmp_path / "c.holdfast")), share=200 / len(found.kept.members))
 
 
+@pytest.mark.heavy
 def test_set_in_four_states_is_certified_where_it_can_be_held(tmp_path):
     """A cart in a square, pushed by a tenth of what it brakes with: |v| <= sqrt(1.8 (1 -+ x))."""
     cart = hf.load_scenario("pushed-cart", ["grid.nodes=15"])

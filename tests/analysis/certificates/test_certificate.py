@@ -141,6 +141,7 @@ def test_entry_that_lasts_for_ever_has_no_level(braked, tmp_path):
         check(str(changed(path, lambda h: None, entries=with_level(1, 0))))
 
 
+@pytest.mark.heavy
 def test_angle_that_turns_around_is_certified_and_checked(tmp_path):
     """A vehicle between two walls that must turn away in time, its heading over a whole turn."""
     y, psi, r = (hf.symbol(n) for n in ("y", "psi", "r"))
@@ -305,6 +306,7 @@ def one_state(rate, limits, *, parameters=(), pushes=(), bounds=None):
     return system, hf.Region("line", system.states, rows)
 
 
+@pytest.mark.heavy
 def test_more_cells_than_small_numbers_count_certify_nothing_that_leaves():
     """From x > 0.3 every trajectory leaves; numbers of cells go beyond 32767."""
     found = certify(

@@ -139,6 +139,11 @@ def test_other_sample_times_and_continuous_control_are_refused(seen):
         hf.Controller(system, law, sample_time=0.05)
 
 
+@pytest.mark.few(
+    "more1-'left' is up to 0\\\\.011, .* with up to 0\\\\.01: its",
+    "more2-'ahead' is up to 0\\\\.001, .* with up to 0: its",
+    "more3-'left' has no bound",
+)
 @pytest.mark.parametrize(
     ("more", "named"),
     [
@@ -315,6 +320,7 @@ def edges_of(cells, count, rng):
     return np.where(side == 0.0, found, np.nextafter(found, side))
 
 
+@pytest.mark.few("for a while")
 @needs_gcc
 @pytest.mark.parametrize("kind", ["for ever", "for a while", "around", "three states", "halved"])
 def test_law_in_c_has_the_bits_of_the_simulated_one_inside_outside_and_at_edges(

@@ -85,6 +85,7 @@ SMOOTH = {
 }
 
 
+@pytest.mark.few("False-turning")
 @pytest.mark.parametrize("name", SMOOTH)
 @pytest.mark.parametrize("disturbed", [False, True])
 def test_trajectories_are_in_the_boxes(name, disturbed, tmp_path):
@@ -137,6 +138,7 @@ def test_ends_of_a_decay_are_known():
     assert gone - 0.1 * (1 - gone) - 0.03 < low < gone - 0.1 * (1 - gone)
 
 
+@pytest.mark.heavy
 def test_a_turn_does_not_wrap():
     of = system({x: y, y: -x})
     start, far = {"x": (0.9, 1.1), "y": (-0.1, 0.1)}, x**2 + y**2
@@ -188,6 +190,7 @@ def test_runs_of_a_sampled_law_are_in_the_boxes(cart, errors):
         contained(pipe, times, states)
 
 
+@pytest.mark.heavy
 def test_law_with_modes_is_followed_in_each_that_may_be(cart, tmp_path):
     """Where the guard may hold or not, both what it does are: until all have turned."""
     of, walls = cart
@@ -247,6 +250,7 @@ def shorter_steps(header):
     header["splits"] = [split + 1 if split < 0 else split for split in header["splits"]]
 
 
+@pytest.mark.few("<lambda>-none1")
 @pytest.mark.parametrize(
     ("alter", "why"),
     [
@@ -400,6 +404,7 @@ def test_start_on_a_constraint_that_falls(tmp_path):
     assert not pipe.proved
 
 
+@pytest.mark.heavy
 def test_command_from_a_box(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("fairway.toml").write_text(FAIRWAY, encoding="utf-8")
@@ -552,6 +557,7 @@ def test_cart_of_the_page_keeps_its_walls():
     assert pipe.proved
 
 
+@pytest.mark.heavy
 def test_van_der_pol_of_the_arch_competition(tmp_path):
     of = system({x: y, y: (1 - x**2) * y - x})
     start = {"x": (1.25, 1.55), "y": (2.35, 2.45)}

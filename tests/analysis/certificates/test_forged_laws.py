@@ -39,6 +39,7 @@ def with_options(path, of):
     return str(changed(path, other))
 
 
+@pytest.mark.heavy
 def test_honest_law_is_valid_with_one_option_and_with_two(braked):
     assert "entries hold" in check(str(braked))
     assert "entries hold" in check(with_options(braked, [["x - 1/2"], ["1/2 - x"]]))
@@ -47,6 +48,7 @@ def test_honest_law_is_valid_with_one_option_and_with_two(braked):
     )
 
 
+@pytest.mark.few("options5", "options6", "options7")
 @pytest.mark.parametrize(
     "options",
     [
@@ -65,6 +67,7 @@ def test_law_without_a_branch_is_refused(braked, options):
         check(with_options(braked, options))
 
 
+@pytest.mark.heavy
 def test_law_at_places_that_a_seed_foretells_is_refused(tmp_path):
     """It is defined within 1e-12 m of 32 places of each cell alone."""
     system = hf.System(
@@ -226,6 +229,7 @@ def test_table_with_axes_alone_is_refused(guarded):
         check(str(forged))
 
 
+@pytest.mark.heavy
 def test_condition_of_a_thousand_terms_is_read(braked):
     long = " + ".join(f"{k}*x/1000000" for k in range(1, 1000))
     options = [[f"{long} - 1/2"], [f"1/2 - ({long})"]]

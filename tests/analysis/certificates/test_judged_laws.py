@@ -292,6 +292,7 @@ def outward(t, states):
     return np.where(np.arange(len(states))[:, None] % 2, wild, 3 * states)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("keep", [kept_in_line, filtered], ids=["safeguard", "filter"])
 def test_line_is_kept_whatever_is_commanded(tmp_path, keep):
     system, line = slider()
@@ -419,6 +420,7 @@ def drawn(count, low, high):
 PUSH = {"v": select(X - 0.3, -X, 0.7 * sgn(X))}
 
 
+@pytest.mark.few("jumps")
 @pytest.mark.parametrize(
     "law",
     [

@@ -121,6 +121,7 @@ def test_a_check_leaves_the_numbers_of_others_and_needs_no_terminal(tmp_path, mo
     assert checker.flint.ctx.prec == 53
 
 
+@pytest.mark.few("<lambda>-its digest is another1", "<lambda>-no certificate2")
 @pytest.mark.parametrize(
     ("spoil", "named"),
     [
@@ -138,6 +139,7 @@ def test_file_that_is_not_what_was_written_is_refused(spoil, named, tmp_path):
         hf.read_certificate(path)
 
 
+@pytest.mark.few("change1-s late", "change4-is no text")
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -200,6 +202,7 @@ def test_numbers_are_read_exactly():
             exact_expression(text, {})
 
 
+@pytest.mark.heavy
 def test_delay_errors_a_target_and_a_law_come_back_from_the_file(tmp_path):
     system, region = camera(), view(camera())
     kinds = (

@@ -76,6 +76,7 @@ def levels(found):
     return promised
 
 
+@pytest.mark.few("cart")
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_halved_cells_promise_what_cells_that_are_all_small_do(name):
     """Not less than whole cells, and what straight cells of the smallest size do, from fewer."""
@@ -99,6 +100,7 @@ def test_where_nothing_is_found_all_cells_are_halved():
     assert len(certified("cart", 20, 2).kept.members)
 
 
+@pytest.mark.heavy
 def test_file_of_halved_cells_is_read_back_and_is_valid(tmp_path):
     for name in PROBLEMS:
         found = certified(name, 20, 2)

@@ -92,6 +92,7 @@ def searched(wanted, normals, offsets, hard, m):
     return row.reshape(len(found), 2 + 2 * m)
 
 
+@pytest.mark.few("1-1")
 @pytest.mark.parametrize(("m", "soft"), [(1, 1), (1, 2), (2, 1), (2, 2), (2, 3), (3, 1), (3, 2)])
 def test_minimiser_of_every_place_is_among_what_may_be_given(m, soft):
     flint.ctx.prec = 80

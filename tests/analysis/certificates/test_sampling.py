@@ -74,6 +74,7 @@ def test_measurement_errors_cost_cells_and_nothing_leaves_with_them(tmp_path):
         check(str(changed(path, lambda h: h.update(errors=[(0.02).hex(), (0.04).hex()]))))
 
 
+@pytest.mark.heavy
 def test_late_inputs_cost_cells_and_nothing_leaves_with_them(tmp_path):
     exact, late = certified(), certified(delay=0.05)
     assert 0.2 < late.kept.share < exact.kept.share
@@ -85,6 +86,7 @@ def test_late_inputs_cost_cells_and_nothing_leaves_with_them(tmp_path):
         check(str(changed(path, lambda h: h.update(delay=(0.1).hex()))))
 
 
+@pytest.mark.heavy
 def test_law_keeps_a_set_and_the_checker_agrees(tmp_path):
     system, walls = cart()
     found = certified(law=spring(0.5, 1))

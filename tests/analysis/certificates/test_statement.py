@@ -101,6 +101,7 @@ HEADER_SAYS_ONLY = {"cells_in_region"}
 """What a header tells and no verdict says."""
 
 
+@pytest.mark.heavy
 def test_header_with_one_other_leaf_is_refused_or_has_another_verdict(path):
     header = json.loads(path.read_bytes().split(b"\n")[1])
     own, refused, others = said(path), 0, set()

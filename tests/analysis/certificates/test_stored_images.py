@@ -74,6 +74,7 @@ def test_search_that_is_killed_goes_on_and_its_certificate_has_the_same_bytes(co
     assert left_in(folder) == []
 
 
+@pytest.mark.few("keep")
 @pytest.mark.parametrize("kind", ["keep", "reach"])
 def test_search_that_is_interrupted_keeps_what_is_done(kind, counted, tmp_path):
     def tell(what, share):

@@ -45,6 +45,7 @@ def furthest(held, late):
     return max(map(abs, thrust))
 
 
+@pytest.mark.few("0.12256976326443224-0.0")
 @pytest.mark.parametrize(("held", "late"), [(0.99 * LONGEST, 0.0), (0.02, 0.02)])
 def test_a_thrust_that_does_not_overshoot_stays_in_its_share(held, late):
     assert overshoot(LAG, GAIN, held, late) == 0.0
@@ -75,6 +76,7 @@ def test_the_margin_counts_what_the_thrust_adds_while_an_input_is_held():
         assert own < margin(sample_time=held) < 3 * own
 
 
+@pytest.mark.few("10", "11")
 @pytest.mark.parametrize("seed", range(12))
 def test_grid_of_a_lagged_cart_is_its_own_whatever_the_lag_and_the_box(seed):
     """Walls of x are slanted in the predicted place, and go on beyond the box of many of these."""

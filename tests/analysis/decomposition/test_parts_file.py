@@ -55,6 +55,7 @@ def states(value, count=500):
     return np.random.default_rng(0).uniform(low, high, (count, len(low)))
 
 
+@pytest.mark.few("two_parts-True", "cut_off-True", "predicted-True", "either-True")
 @pytest.mark.parametrize("lazy", [False, True])
 @pytest.mark.parametrize("made", [two_parts, cut_off, predicted, either])
 def test_a_set_has_the_same_bits_from_its_file(made, lazy, tmp_path):

@@ -46,6 +46,7 @@ def test_the_actuators_at_the_ends_of_their_share_are_kept_too():
     assert stayed(late_cart(0.2), hf.parts_law(value), begun) == 1.0
 
 
+@pytest.mark.heavy
 def test_a_law_that_would_leave_is_kept_safe():
     value = predicted_cart()
     system = late_cart(0.2)

@@ -41,6 +41,7 @@ def test_a_set_put_together_with_a_state_cut_off_is_inside_the_set():
     assert inside.sum() > 0.75 * whole.contains(points).sum()
 
 
+@pytest.mark.few("1.0")
 @pytest.mark.parametrize("share", [0.5, 1.0])
 def test_a_predicted_cart_keeps_most_of_the_kernel_of_its_three_states(share):
     system, region = late_cart(0.2), walls("x")
@@ -74,6 +75,7 @@ def test_either_target_may_be_reached():
     assert (found.contains(points) != whole.contains(points)).mean() < 0.03
 
 
+@pytest.mark.few("1")
 @pytest.mark.parametrize("seed", range(4))
 def test_random_chains_are_inside_their_kernel(seed):
     """x' = a x + b y + u, y' = c y + e w + p, w' = g - f w, with w cut off."""

@@ -157,6 +157,7 @@ def test_pose_alone_shows_the_numbers_too():
         assert e.low <= true[e.name] <= e.high
 
 
+@pytest.mark.heavy
 def test_speed_over_ground_in_a_current_gives_the_current():
     otter = hf.load_vehicle("otter")
     log = vehicle_log(otter, current=(0.12, -0.2), seed=3)
@@ -172,6 +173,7 @@ def test_speed_over_ground_in_a_current_gives_the_current():
     assert -80 < found.values["Xu"] < -75
 
 
+@pytest.mark.heavy
 def test_thruster_forces_stand_for_the_inputs_and_are_limited_as_thrusters_are():
     otter = hf.load_vehicle("otter")
     log = vehicle_log(otter)
@@ -228,6 +230,7 @@ def test_fits_from_other_first_guesses_agree_within_their_intervals():
         assert abs(a.value - b.value) < a.half_width
 
 
+@pytest.mark.heavy
 def test_commands_that_are_zero_are_refused_and_those_of_the_wrong_sign_are_said():
     otter = hf.load_vehicle("otter")
     log = vehicle_log(otter, seconds=40.0)
@@ -256,6 +259,7 @@ def test_numbers_with_which_an_input_acts_the_other_way_are_refused():
     refuse_other_way(otter, otter, motion)
 
 
+@pytest.mark.heavy
 def test_what_makes_intervals_too_narrow_is_said():
     log = boat_log()
     assert hf.identify(boat(*ROUGH), log).remarks == ()

@@ -9,6 +9,7 @@ import holdfast as hf
 from holdfast.errors import HoldfastError, SimulationError
 
 
+@pytest.mark.few("ch3-unknown-current-settings1")
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
@@ -43,6 +44,7 @@ def test_controller_gives_the_commands_of_the_closed_loop(name, settings):
     assert modes
 
 
+@pytest.mark.heavy
 def test_controller_of_a_kernel_tells_its_value_and_where_its_grid_ends():
     boat = hf.systems.drifting_unicycle()
     room = hf.Region(

@@ -50,6 +50,7 @@ def by_slopes(monkeypatch):
     monkeypatch.setattr(safety_filter, "sampled_value", lambda *of: None)
 
 
+@pytest.mark.few("times")
 def test_every_decision_has_the_bits_of_the_kernel_in_memory(both):
     rng = np.random.default_rng(2)
     inside, stored = filters(both)
@@ -122,6 +123,14 @@ RUNS = {
 }
 
 
+@pytest.mark.few(
+    "last-swinging-one thread",
+    "last-turns-one thread",
+    "times-swinging-one thread",
+    "times-turns-one thread",
+    "single-swinging-one thread",
+    "single-turns-one thread",
+)
 @pytest.mark.parametrize("options", RUNS.values(), ids=RUNS)
 @pytest.mark.parametrize("law", [swinging, turns])
 def test_runs_that_fetch_what_they_look_up_have_the_same_bits(both, monkeypatch, law, options):
@@ -166,6 +175,7 @@ def test_few_runs_read_some_chunks_and_many_the_whole_table(tmp_path):
         assert table._whole is not None
 
 
+@pytest.mark.few("times")
 def test_a_law_that_is_forgotten_gives_its_pages_back_at_once(both, monkeypatch):
     monkeypatch.setattr(table_in_parts, "is_room_for", lambda needed: False)
 

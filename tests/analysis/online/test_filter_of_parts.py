@@ -49,6 +49,7 @@ def runs(command, law):
     return hf.simulate(late_cart(), law, sample_time=SAMPLE, command=command, **options)
 
 
+@pytest.mark.few("random")
 @pytest.mark.parametrize("push", [1.0, -1.0, np.nan], ids=["right", "left", "random"])
 def test_a_vehicle_that_lags_is_kept_whatever_it_is_commanded(push):
     rng = np.random.default_rng(2)
@@ -129,6 +130,7 @@ def test_what_the_parts_do_not_promise_is_refused():
         hf.SafetyFilter(plane(), several)
 
 
+@pytest.mark.heavy
 def test_every_input_stays_within_its_bounds_wherever_the_vehicle_is():
     keep = hf.SafetyFilter(plane(), one_way(), sample_time=SAMPLE)
     answers = keep.step_many(np.zeros((2, 4)), [[0.2, 5.0], [0.0, -5.0]])
@@ -139,6 +141,7 @@ def test_every_input_stays_within_its_bounds_wherever_the_vehicle_is():
     assert np.abs(found.input).max() <= 1 + 1e-12
 
 
+@pytest.mark.heavy
 def test_an_actuator_of_a_state_that_is_left_out_is_kept_in_its_share():
     th, turn = hf.Quantity("th", "rad", angle=True), hf.symbol("turn")
     cart = hf.System(

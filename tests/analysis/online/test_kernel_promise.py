@@ -4,6 +4,7 @@ import dataclasses
 import warnings
 
 import numpy as np
+import pytest
 
 import holdfast as hf
 
@@ -39,6 +40,7 @@ def said_of(value, times=1):
     return said
 
 
+@pytest.mark.heavy
 def test_kernel_that_was_computed_is_tried_by_its_first_filter_and_remembers_it():
     value = kernel()
     assert value.report.promise_outcome is None
@@ -47,6 +49,7 @@ def test_kernel_that_was_computed_is_tried_by_its_first_filter_and_remembers_it(
     assert 0.8 < value.report.promise_share <= 1.0
 
 
+@pytest.mark.heavy
 def test_false_kernel_is_warned_of_once_and_by_name():
     (only,) = said_of(false(kernel()), times=3)
     assert only.category is hf.PromiseFellShortWarning
@@ -85,6 +88,7 @@ def test_set_that_is_worn_away_has_to_be_tried_anew():
     assert value.inner().report.promise_outcome is None
 
 
+@pytest.mark.heavy
 def test_sample_time_that_trial_runs_do_not_bear_is_warned_of():
     """Of an oscillator whose samples are a tenth of its period; with a margin it is the caller's."""
     x, v, d = (hf.symbol(n) for n in ("x", "v", "d"))

@@ -69,6 +69,7 @@ CASES = [
 ]
 
 
+@pytest.mark.few("bounds1-5-stronger1-3.0-0.5")
 @pytest.mark.parametrize(("bounds", "inputs", "stronger", "most", "counted"), CASES)
 def test_none_of_10000_runs_leaves_whatever_is_commanded(bounds, inputs, stronger, most, counted):
     """2,000 of each case. Without the limit to what was counted 286, 99 and 7 of 400 left."""

@@ -61,6 +61,7 @@ def test_filter_says_what_remains_between_samples_and_how_much_where_it_is_known
     assert "between samples" not in str(flat)
 
 
+@pytest.mark.heavy
 def test_filter_of_order_two_says_that_what_remains_is_to_be_measured(vehicle):
     keep = hf.SafetyFilter(vehicle, hf.regions.camera_view(), gains=(1.5, 8))
     assert set(keep.crossings.values()) == {np.inf}

@@ -29,6 +29,7 @@ def test_relay_with_fresh_messages_gives_the_decisions_of_the_filter():
     assert not any(r.lost for r in records)
 
 
+@pytest.mark.heavy
 def test_vehicle_stays_in_view_where_the_commands_cease():
     """From 16 starts that the filter keeps; the last command goes on for the patience at most."""
     vehicle, keep = camera_filter()

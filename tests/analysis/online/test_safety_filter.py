@@ -159,6 +159,7 @@ def test_kernel_is_kept_against_the_worst_disturbance(boat):
     assert 0.8 < x < 1.0
 
 
+@pytest.mark.heavy
 def test_time_of_a_kernel_runs_out_by_name():
     """With values at several times the set is that of the remaining time."""
     scenario = hf.load_scenario(
@@ -329,6 +330,7 @@ def test_disturbances_that_are_measured_are_asked_for():
 # -- a vehicle that is not all measured
 
 
+@pytest.mark.few("observe-more0")
 @pytest.mark.parametrize(
     ("observed", "more"),
     [
@@ -381,6 +383,7 @@ def test_error_bounds_without_an_observer_are_refused(vehicle, view):
 # -- what it is not made for
 
 
+@pytest.mark.heavy
 def test_reduced_kernel_around_a_whole_vehicle_is_warned_of_once_and_by_name(vehicle):
     scenario = hf.load_scenario(
         "ch7-discriminating", ["grid.nodes=15", "march.horizon=0.2", "promise="]
@@ -406,6 +409,7 @@ def test_reduced_kernel_around_a_whole_vehicle_is_warned_of_once_and_by_name(veh
         hf.SafetyFilter(scenario.system, value, around=point)
 
 
+@pytest.mark.heavy
 def test_controller_of_the_page_loses_the_target_from_15_of_40_starts_and_with_the_filter_from_none(
     vehicle, view, keeper
 ):
@@ -459,6 +463,7 @@ def test_law_that_is_handed_its_command_cannot_be_simulated_alone(double_integra
 # -- as C
 
 
+@pytest.mark.few("kernel")
 @needs_gcc
 @pytest.mark.parametrize("kind", ["region", "kernel"])
 def test_filter_in_c_takes_the_command_as_an_argument_and_gives_the_same_bits(

@@ -32,6 +32,10 @@ def test_lines_are_answered_with_the_decisions_of_the_filter():
         boat.step(wanted.input)
 
 
+@pytest.mark.few(
+    '{"state": {"x"-is no table of JSON',
+    '{"t": 4.0}-t is 4 s after 5 s; expected a time that goes on',
+)
 @pytest.mark.parametrize(
     ("bad", "said"),
     [
@@ -127,6 +131,7 @@ def test_disturbance_that_the_filter_measures_has_to_come_with_the_state():
     assert samples.answer(b"nothing").status == "not a number"
 
 
+@pytest.mark.few("t1", "t2")
 @pytest.mark.parametrize("t", ["1e13", "9" * 400, "-" + "9" * 400, "1e999"])
 def test_time_that_is_no_time_is_refused(t):
     _, keep = camera_filter()

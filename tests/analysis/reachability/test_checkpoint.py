@@ -65,6 +65,7 @@ def same(one, other):
     return a == b
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "writes", [3, *(pytest.param(n, marks=pytest.mark.heavy) for n in (2, 30))]
 )

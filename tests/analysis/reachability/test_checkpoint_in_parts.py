@@ -67,6 +67,7 @@ def test_a_folder_that_a_part_cannot_see_is_refused(tmp_path, monkeypatch):
     assert generations(tmp_path) == []
 
 
+@pytest.mark.few("short")
 @pytest.mark.parametrize("harm", ["missing", "short", "unsaid"])
 def test_a_part_of_a_checkpoint_that_is_damaged_is_refused(harm, tmp_path):
     basin(checkpoint=tmp_path, cluster=Here(count=3))

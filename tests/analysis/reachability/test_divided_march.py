@@ -57,6 +57,7 @@ DIVIDED = [
 ]
 
 
+@pytest.mark.few("kernel-options2-cuts2", "tube-options7-cuts7")
 @pytest.mark.parametrize(
     ("problem", "options", "cuts"), DIVIDED, ids=lambda v: getattr(v, "__name__", None)
 )
@@ -66,6 +67,7 @@ def test_a_divided_march_has_the_answer_of_one_machine(problem, options, cuts):
         same(whole, problem(**options, cluster=Here(count=count, by_step=by_step)))
 
 
+@pytest.mark.few("True")
 @pytest.mark.parametrize("by_step", [STAGE, STEP])
 def test_the_parts_of_two_states_converge_in_the_same_step(by_step):
     """Which of the rows that are computed together have changed depends on the threads."""
@@ -81,6 +83,7 @@ def test_what_is_settled_is_skipped_in_the_parts_too():
 SINGLE = {"scheme": "eno2", "precision": "float32"}
 
 
+@pytest.mark.few("turned_kernel-options1", "mirrored_kernel-options3")
 @pytest.mark.parametrize(
     ("problem", "options"),
     [
@@ -110,6 +113,7 @@ def test_the_stages_of_a_march_from_a_disk_follow_one_another(
     assert list((tmp_path / "new").iterdir()) == []
 
 
+@pytest.mark.few("kernel-options0", "moving_kernel-options3")
 @pytest.mark.parametrize(
     ("problem", "options"),
     [
@@ -130,6 +134,7 @@ def test_obstacles_that_move_are_renewed_some_planes_at_a_time(monkeypatch):
     same(whole, moving_set(scheme="eno2", cluster=parts))
 
 
+@pytest.mark.few("disk")
 @pytest.mark.parametrize(
     ("first", "then"),
     [

@@ -50,6 +50,7 @@ def wide():
     return share(kernel(box(more=2), CELLS + 5))
 
 
+@pytest.mark.few("1.0-3e-13", "1e-06-1e-16", "1e-06--1e-16", "1e-06-3e-13", "1000.0-3e-13")
 @pytest.mark.parametrize("off", [0.0, 1e-16, -1e-16, 3e-13])
 @pytest.mark.parametrize("scale", [1.0, 1e-6, 1e3])
 def test_grid_that_ends_on_the_constraints_gives_the_set_of_a_wider_one(wide, off, scale):
@@ -60,6 +61,7 @@ def test_grid_that_ends_on_the_constraints_gives_the_set_of_a_wider_one(wide, of
     assert not found.report.ends_reached
 
 
+@pytest.mark.few("options0", "options2")
 @pytest.mark.parametrize("options", [{"precision": "float32"}, {"refine": 2}, {"scheme": "upwind"}])
 def test_so_it_is_with_every_kind_of_march(options):
     nodes = {"refine": CELLS // 2 + 1}.get(next(iter(options)), CELLS + 1)
@@ -133,6 +135,7 @@ def test_basin_whose_target_ends_with_the_grid_is_that_of_a_wider_grid():
         assert found.contains(inside[:, None]).mean() == pytest.approx(149 / 199, abs=0.02)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("fastest", "ends"), [(0.8, "v = -0.8, v = 0.8"), (1.2, "")])
 def test_set_depends_on_nothing_beyond_an_end_that_nothing_leads_out_of(fastest, ends):
     """A cart x' = v, v' = u + d - v |v| with |u| <= 1, |d| <= 0.1: v = 1.05 is its greatest speed."""

@@ -44,6 +44,31 @@ def test_attributes_and_report_are_one_another(value, tmp_path):
     assert all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in numbers.values())
 
 
+@pytest.mark.few(
+    "horizon_s",
+    "reached_s",
+    "start_time_s",
+    "converged",
+    "ended_early",
+    "begun_from_another",
+    "residual_cells",
+    "scheme",
+    "dissipation",
+    "cfl",
+    "precision",
+    "refine",
+    "marched_share",
+    "parameters",
+    "disturbance",
+    "definition",
+    "volume_coarse",
+    "error_reach",
+    "nodes_from_outside",
+    "nodes_kept_outside",
+    "promise_outcome",
+    "promise_conclusion",
+    "promise_share",
+)
 @pytest.mark.parametrize("one", fields(Report), ids=lambda f: f.name)
 def test_every_entry_survives_the_file(one, value, tmp_path):
     """Each entry, changed from its default, comes back with its value and its type."""

@@ -38,6 +38,7 @@ def traced(march, grid, **options):
     return most / (size * grid.nodes), now / (size * grid.nodes)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("scheme", ["upwind", pytest.param("weno5", marks=pytest.mark.heavy)])
 @pytest.mark.parametrize("outside", [False, True], ids=["alone", "with outside"])
 @pytest.mark.parametrize("kind", ["tube", "basin"])
@@ -50,6 +51,7 @@ def test_a_march_takes_the_memory_that_is_said_beforehand(kind, outside, scheme)
     assert 0.8 * said < most < 1.1 * said
 
 
+@pytest.mark.few("kernel-1")
 @pytest.mark.parametrize(("kind", "kept"), [("kernel", 1), ("tube", 1), ("basin", 2)])
 def test_after_a_march_nothing_is_held_but_its_answer(kind, kept):
     _, held = traced(MARCHES[kind], hf.grid(cart(), BOX, NODES), scheme="upwind", threads=1)

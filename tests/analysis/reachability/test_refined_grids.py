@@ -44,6 +44,7 @@ def apart(fine, refined, near):
     return gap.max(), gap.mean(), int(sides.sum())
 
 
+@pytest.mark.few("weno5-float64")
 @pytest.mark.parametrize(
     ("scheme", "precision"), [("upwind", "float32"), ("eno2", "float64"), ("weno5", "float64")]
 )
@@ -58,6 +59,7 @@ def test_blocks_all_over_the_grid_give_its_values_to_the_bit(scheme, precision, 
         assert refined.report.marched_share > 1.0  # with the nodes of the coarser grid
 
 
+@pytest.mark.few("braking-cells0-upwind-2-0.3-0.1-8", "zermelo-cells3-weno5-2-0.01-0.001-1")
 @pytest.mark.parametrize(
     ("make", "cells", "scheme", "refine", "largest", "mean", "sides"),
     [
@@ -206,6 +208,7 @@ def test_least_times_come_from_the_finer_grid():
     assert np.isnan(gap).sum() == 0
 
 
+@pytest.mark.heavy
 def test_refined_value_is_looked_up_saved_and_eroded_as_any_other(tmp_path):
     system = carts.cart()
     grid = hf.grid(system, carts.BOX, 33)

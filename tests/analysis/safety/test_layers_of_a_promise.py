@@ -65,6 +65,7 @@ def test_starts_are_as_near_to_the_edge_as_between_two_nodes():
     assert (value.at(nearest) <= 0).any(), "the node of the cell is outside, the start is not"
 
 
+@pytest.mark.heavy
 def test_true_kernel_is_confirmed_on_the_share_that_the_promise_states():
     system, value = kernel()
     promise = hf.check_promise(system, value, BOX, runs=200, horizon=10, sample_time=0.005)
@@ -108,6 +109,7 @@ def test_margin_leaves_the_outer_layers_out_of_the_claim_and_says_so():
     assert "starts nearer to the edge" in promise.conclusion
 
 
+@pytest.mark.few("0.001")
 @pytest.mark.parametrize("second", [1.0, 1e3, 1e-3])
 def test_trial_by_default_is_the_same_in_every_unit_of_time(second):
     system, value = kernel(second)
@@ -137,6 +139,7 @@ def test_trial_by_default_is_no_longer_than_the_march_whatever_is_rounded(steps)
     assert 3 - 3 / steps < trial.horizon <= 3
 
 
+@pytest.mark.heavy
 def test_two_modes_that_leave_nothing_for_ever_fail_their_promise():
     """Mode rates (1, -.3) and (-.3, .05): .23 x + y falls whatever the inputs do, for 65 s."""
     x, y, m = (hf.symbol(n) for n in "xym")

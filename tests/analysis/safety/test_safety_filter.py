@@ -44,6 +44,7 @@ def test_every_state_of_the_kernel_stays_whatever_pushes_it(kernel):
     assert promise.outside.excursion > 0
 
 
+@pytest.mark.heavy
 def test_filtered_law_keeps_the_promise_too(kernel):
     promise = hf.check_promise(cart(), kernel, WALLS, law=swinging(), runs=400, horizon=20)
     assert promise.held
@@ -87,6 +88,7 @@ def test_margin_for_a_held_input_is_what_a_sample_can_lose(kernel):
     assert 4 * (fastest - 3 * node) < large / 0.02 <= 4 * fastest
 
 
+@pytest.mark.heavy
 def test_held_input_loses_nothing_at_any_sample_time(kernel):
     for sample_time in (0.01, 0.05, 0.1):
         margin = hf.sampled_margin(cart(), kernel, sample_time)
@@ -132,6 +134,7 @@ def test_basin_reaches_its_goal():
     assert promise.outside.kept.value < 0.05
 
 
+@pytest.mark.few("random swings")
 @pytest.mark.parametrize("kind", [CONSTANT, SWITCHING, SWINGING])
 def test_scheduled_current_is_at_the_rim_of_its_ball(kind):
     vehicle = hf.promote(hf.systems.marine_vehicle(), ("u", "r"), hf.Box((-1, -1), (1, 1)))
@@ -194,6 +197,7 @@ def test_value_of_a_vehicle_with_other_parameters_is_refused():
         hf.safety_law(system(2.0), found)
 
 
+@pytest.mark.heavy
 def test_converged_kernel_at_several_times_is_kept_by_its_last():
     """A figure of how it shrinks does not change the law."""
     grid = hf.grid(cart(), BOX, 81)
@@ -341,6 +345,7 @@ def test_law_that_is_kept_in_the_basin_of_two_walls_arrives_too():
     assert promise.inside[0].kept.count == promise.inside[0].kept.total == 300
 
 
+@pytest.mark.heavy
 def test_law_that_sees_the_state_late_keeps_what_one_that_does_not_keeps(kernel):
     """A law that pushes to the right, and is pushed there: seen 0.1 s late, it brakes in time.
 
@@ -365,6 +370,7 @@ def test_law_that_sees_the_state_late_keeps_what_one_that_does_not_keeps(kernel)
     assert without < 150, "by slopes, which know nothing of the inputs that are on their way"
 
 
+@pytest.mark.few("0.05-0.0-0.993-0.63", "0.02-0.1-0.931-0.23")
 @pytest.mark.parametrize(
     ("sample_time", "delay", "kept", "by_margin"),
     [
@@ -383,6 +389,7 @@ def test_delay_costs_what_the_disturbance_does_meanwhile(
     assert (kernel.values() > margin).mean() / inside == pytest.approx(by_margin, abs=0.01)
 
 
+@pytest.mark.heavy
 def test_law_that_sees_the_state_late_keeps_it_for_long(kernel):
     """From states that are little deeper than a law without a delay needs.
 

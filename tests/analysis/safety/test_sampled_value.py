@@ -96,6 +96,7 @@ def lost(system, value, sample_time, push, lean, foe, seconds, command=1.0):
     return int(out.sum())
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("scheme", "push", "lean"),
     [("upwind", 0.5, 0.2), pytest.param("weno5", 0.2, 0.2, marks=pytest.mark.heavy)],
@@ -152,6 +153,7 @@ def test_filter_over_a_kernel_in_single_precision_decides_as_one_in_double():
     assert lost(system, single, 0.02, 0.2, 0.2, "greedy", 6.0) == 0
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("sample_time", "by_slopes"),
     [(0.05, [161, 33]), pytest.param(0.01, [162, 36], marks=pytest.mark.heavy)],
@@ -189,6 +191,7 @@ def held_line(most=1.0):
     return hf.viability_kernel(system, walls, hf.grid(system, {"x": (-1.2, 1.2)}, 121), 20)
 
 
+@pytest.mark.few("0.05")
 @pytest.mark.parametrize("sample_time", [0.02, 0.05])
 def test_optimal_inputs_have_the_slope_of_v_where_w_is_cut_off(sample_time):
     """A push of 0.08 m/s that the kernel does not know is withstood from within 0.15 m."""
@@ -229,6 +232,7 @@ def test_held_inputs_keep_almost_all_of_the_kernel():
             assert (game.table > game.least).sum() >= 0.93 * inside.sum()
 
 
+@pytest.mark.heavy
 def test_a_game_that_takes_too_long_is_not_begun_and_the_law_goes_by_slopes():
     system, value = leaning(31)
     zero = hf.Law("zero", system.states, {"u": hf.symbol("x") * 0})
@@ -270,6 +274,7 @@ def test_a_filter_in_six_states_keeps_three_carts_that_are_pushed_at_once():
         q = np.hstack([x, v])
 
 
+@pytest.mark.heavy
 def test_a_game_is_that_of_the_system_that_is_asked_for():
     """Weaker inputs on the same value keep less."""
     system, value = leaning(41)
@@ -318,6 +323,7 @@ def test_at_every_node_some_held_input_keeps_its_value_whatever_the_disturbance(
     assert (best >= table.ravel()[table.ravel() > 0] - 1e-4).all()
 
 
+@pytest.mark.heavy
 def test_input_is_within_its_bounds_where_v_is_flat():
     """Far outside the set V is cut off, and its slope is rounding."""
     line = hf.System(
@@ -365,6 +371,7 @@ def test_law_to_be_certified_is_asked_for_by_name(tmp_path):
     assert slopes.safeguard.names == ("value",)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("seed", [3, 7])
 def test_filters_over_random_kernels_with_ridges_lose_no_start(seed):
     tried(seed, seconds=2.0, most=150)
@@ -485,6 +492,7 @@ def lost_and_share(problem, nodes, hold, seconds):
     return int(out.sum()), float(share)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("problem", "hold", "least"),
     [(converter, 0.01, 0.95), (converter, 0.2, 0.95), (pendulum, 0.05, 0.75)],
@@ -514,6 +522,7 @@ def test_filter_loses_no_start_where_v_is_level_or_jumps_for_long(problem, nodes
     assert share > least
 
 
+@pytest.mark.heavy
 def test_a_game_is_kept_in_the_cache_for_the_next_process(monkeypatch, tmp_path):
     """Another copy of the same values takes it; other values, and damaged files, are solved."""
     monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path))

@@ -67,6 +67,7 @@ def test_tally_says_which_pursuer_beat_which_start(pursuit):
 POINT = (hf.Quantity("x", "m"),)
 
 
+@pytest.mark.heavy
 def test_set_that_touches_an_open_end_is_not_confirmed_though_every_run_stays():
     """Slow, and a wall on the right alone: nobody leaves, and yet the set goes on beyond the box."""
     system = hf.System(
@@ -113,6 +114,7 @@ def test_push_that_switches_in_time_beats_a_set_that_no_gradient_doubts():
     assert kept["every disturbance tried"] < 0.5
 
 
+@pytest.mark.heavy
 def test_cell_is_measured_where_the_state_is():
     """Steep on the left, flat on the right: the largest change of all is more than V has there."""
     system = hf.System(
@@ -248,6 +250,7 @@ def test_disturbance_whose_worst_lies_between_its_samples_confirms_nothing():
     assert beaten.kept.count < beaten.kept.total
 
 
+@pytest.mark.heavy
 def test_disturbance_that_can_do_nothing_is_no_reason_to_refuse_a_promise():
     x, u, d = (hf.symbol(n) for n in ("x", "u", "d"))
     for rate, most in ((2 * x + u / 2 + d, 0.0), (2 * x + u / 2, 1.0)):

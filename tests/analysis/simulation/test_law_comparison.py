@@ -175,6 +175,7 @@ def test_command_writes_the_table_and_the_numbers(cart, tmp_path):
     assert numbers["trials"][0]["viable"]["interval"][0] >= 0
 
 
+@pytest.mark.heavy
 def test_starts_can_be_put_where_two_constraints_are_active():
     scenario = hf.load_scenario(
         "inspection",
@@ -190,6 +191,7 @@ def test_starts_can_be_put_where_two_constraints_are_active():
     assert len(np.unique(data["state"].values[3:, 0, 0].round(6))) == 20
 
 
+@pytest.mark.few("[[]]-group of active inequalities is empty")
 @pytest.mark.parametrize(
     ("active", "complaint"),
     [

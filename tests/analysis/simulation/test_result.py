@@ -69,6 +69,7 @@ def stored(path):
         return repr((axes, said(file), variables))
 
 
+@pytest.mark.few("ch5-viable-goal-set")
 @pytest.mark.parametrize("name", ["ch5-viable-goal-set", "inspection", "ch2-integrator"])
 def test_file_is_the_one_that_xarray_writes(name, tmp_path):
     """With a safeguard and without, and with axes without entries."""
@@ -255,6 +256,7 @@ def test_a_file_that_was_cut_off_is_told(saved, tmp_path, keep):
         hf.load(path)
 
 
+@pytest.mark.heavy
 def test_damage_is_told_or_touches_no_number(result, saved, tmp_path):
     """Bits are turned at random: what is read is what was written, or nothing is."""
     whole, path = saved.read_bytes(), tmp_path / "damaged.nc"
@@ -290,6 +292,7 @@ def test_a_result_of_an_older_version_is_told_and_what_is_optional_may_lack(save
     assert again.summary()["runs"] == 8
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "command",
     ["run", "kernel", *(pytest.param(c, marks=pytest.mark.heavy) for c in ("compare", "sweep"))],

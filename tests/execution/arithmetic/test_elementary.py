@@ -114,6 +114,7 @@ def most_ulps(found, exact, arguments, precision=300):
         )
 
 
+@pytest.mark.few("sinh", "cosh", "tanh")
 @pytest.mark.parametrize("name", CASES)
 def test_error_is_below_an_ulp(name):
     function, exact, arguments, most = CASES[name]

@@ -166,6 +166,7 @@ def same_bits(name, folder, states):
     return count * len(program.modes)
 
 
+@pytest.mark.few("ch3-unknown-current")
 @pytest.mark.parametrize("name", SOME)
 def test_exported_law_has_every_bit_of_the_simulated_law(name, tmp_path):
     assert same_bits(name, tmp_path, 50_000) > 49_000

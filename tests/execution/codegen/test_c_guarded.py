@@ -32,6 +32,7 @@ void solved(int count, const double *wanted, const double *scales, const double 
 """
 
 
+@pytest.mark.few("1")
 @pytest.mark.parametrize("m", [1, 2, 3, 4])
 def test_programs_in_c_have_the_very_answers_of_the_closed_loop(m, tmp_path):
     source = scalars_c(scalars("simulation/quadratic_program"), ["keep_many"])

@@ -20,6 +20,7 @@ pytestmark = needs_gcc
 OBSERVED = ["observer={measured = ['x', 'y', 'psi'], bandwidth = 5.0}"]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("name", "more"),
     [
@@ -114,6 +115,7 @@ def test_law_that_is_kept_in_a_kernel_is_exported_with_it(tmp_path):
     assert abs(alone).max() > 0.1  # the kernel has changed it
 
 
+@pytest.mark.heavy
 def test_the_command_writes_a_large_table_into_a_file(tmp_path, monkeypatch):
     assert c_source.MOST_AS_TEXT == 65_536
     kind = 'a ferry"\nkind = "discriminating-kernel"'
@@ -132,6 +134,7 @@ def test_the_command_writes_a_large_table_into_a_file(tmp_path, monkeypatch):
     assert (tmp_path / "law.bin").stat().st_size == 128 + 8 * 1681
 
 
+@pytest.mark.few("-law_")
 @pytest.mark.parametrize(
     ("name", "called"), [("3d", "law_3d"), ("my-boat.2", "my_boat_2"), ("bât", "b_t"), ("", "law_")]
 )
@@ -153,6 +156,7 @@ def test_numbers_and_names_of_any_kind_make_c(tmp_path):
     assert ctypes.c_double.in_dll(c, "law__parameters").value == 0.55
 
 
+@pytest.mark.few("ch4-unicycle")
 @pytest.mark.parametrize("name", ["ch4-unicycle", "ch6-chain", "inspection"])
 def test_no_function_is_in_the_file_that_is_not_called(name):
     """Of which some compilers warn."""

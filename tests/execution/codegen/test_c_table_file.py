@@ -69,6 +69,7 @@ def exported(request, tmp_path_factory):
     return folder, law, compiled(folder, law, "keep", "file")
 
 
+@pytest.mark.few("float64")
 def test_a_loaded_table_gives_the_bits_of_one_in_the_source(exported):
     folder, law, library = exported
     assert library.load(str(folder / "keep.bin").encode()) == READY
@@ -144,6 +145,7 @@ def test_what_is_not_the_table_is_refused_and_says_why(exported):
     assert np.isnan(answers(library)[:, 0]).all()
 
 
+@pytest.mark.few("float32")
 def test_a_program_under_sanitizers_finds_no_fault(exported):
     folder, law, _ = exported
     good = (folder / "keep.bin").read_bytes()

@@ -96,6 +96,7 @@ def simulated(system, law):
     return acted.values[:, 0]
 
 
+@pytest.mark.heavy
 def test_two_laws_and_two_kernels_are_in_one_program(laws, tmp_path):
     """A steering law, a safeguard, and two safety laws with tables of different size, in C, in C++,
     and all in one translation unit."""

@@ -52,6 +52,7 @@ def grown(children):
     )
 
 
+@pytest.mark.heavy
 @settings(max_examples=250)
 @given(st.recursive(leaves, grown, max_leaves=7), st.floats(-2, 2), st.floats(-2, 2))
 def test_compiled_expression_has_its_value(expression, x, y):

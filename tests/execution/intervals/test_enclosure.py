@@ -38,6 +38,26 @@ def missed(expression, low, high, at, symbols):
     return count
 
 
+@pytest.mark.few(
+    "sum",
+    "difference",
+    "product",
+    "quotient",
+    "square",
+    "cube",
+    "inverse square",
+    "root",
+    "root of a cube",
+    "cosine",
+    "exponential",
+    "absolute value",
+    "length",
+    "least",
+    "greatest",
+    "sgn",
+    "sign",
+    "wrap",
+)
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_no_value_is_outside_its_enclosure(name):
     generator = np.random.default_rng(7)
@@ -115,6 +135,14 @@ def test_what_is_not_finite_or_overflows_never_gives_a_false_bound(bad):
 SYSTEMS = [example(f) for f in hf.systems.ALL] + [hf.load_vehicle("otter")]
 
 
+@pytest.mark.few(
+    "unicycle",
+    "drifting_unicycle",
+    "nonholonomic_integrator",
+    "chained_form",
+    "leader_follower",
+    "marine_craft1",
+)
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda s: s.name)
 def test_rates_of_the_catalogue_are_within_their_enclosures(system):
     generator = np.random.default_rng(9)

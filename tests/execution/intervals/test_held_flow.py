@@ -41,6 +41,7 @@ TURNING = hf.System(
 )
 
 
+@pytest.mark.few("12-parallelepiped", "12-zonotope")
 @pytest.mark.parametrize("name", enclosures())
 @pytest.mark.parametrize("steps", [1, 3, 12])
 def test_every_enclosure_holds_ten_thousand_trajectories_of_a_pendulum(name, steps):
@@ -102,6 +103,7 @@ SYSTEMS = [
 ]
 
 
+@pytest.mark.few("0.3-unicycle", "0.3-drifting_unicycle")
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda s: s.name)
 @pytest.mark.parametrize("hold", [0.05, 0.3])
 def test_no_trajectory_leaves_what_is_said_of_it(system, hold):

@@ -45,6 +45,7 @@ def both(problem, system, *about, **options):
     return [problem(system, *about, over, 1.0, device=d, **options) for d in ("cpu", "c++")]
 
 
+@pytest.mark.few("forward_reachable_set-system6-about6-options6")
 @pytest.mark.parametrize(
     ("problem", "system", "about", "options"),
     [
@@ -92,6 +93,7 @@ def test_what_is_settled_is_left_out_and_the_answer_is_the_same():
     assert every.report.computed_share == 1
 
 
+@pytest.mark.heavy
 def test_only_the_dissipation_of_optimal_inputs_may_tell_roundings_apart():
     """On a ridge the sign of a slope is that of its rounding: docs/gpu.md."""
     x, y, th, u, w = (hf.symbol(n) for n in ("x", "y", "th", "u", "w"))
@@ -123,6 +125,7 @@ def march(shape, scheme, device, precision="float64"):
     )  # fmt: skip
 
 
+@pytest.mark.few("(300,)-weno5-float64")
 @pytest.mark.parametrize(
     ("shape", "scheme", "precision"),
     [

@@ -44,6 +44,7 @@ def same(half, whole, share):
     assert half.dataset.attrs["steps"] == whole.dataset.attrs["steps"]
 
 
+@pytest.mark.few("81-upwind", "81-eno2", "81-weno5", "160-upwind")
 @pytest.mark.parametrize("scheme", ["upwind", "eno2", "weno5"])
 @pytest.mark.parametrize("nodes", [81, 160])
 def test_half_of_the_states_of_a_cart_tell_the_other_half(scheme, nodes):
@@ -54,6 +55,7 @@ def test_half_of_the_states_of_a_cart_tell_the_other_half(scheme, nodes):
     same(half, whole, 0.6)
 
 
+@pytest.mark.few("-3.0915926535897933-0-24")
 @pytest.mark.parametrize("y", [24, 25])
 @pytest.mark.parametrize(("low", "angles"), [(-math.pi, 40), (0.0, 70), (-math.pi + 0.05, 0)])
 def test_left_tells_right_for_a_robot_between_walls(low, angles, y):

@@ -149,6 +149,7 @@ def test_as_many_changes_as_allowed_do_not_count_and_one_more_does():
     assert np.isnan(result.dataset["exit_time"].values[1::2]).all()
 
 
+@pytest.mark.few("999-1.099", "1000-None")
 @pytest.mark.parametrize(
     ("limit", "began"), [(1, 0.101), (2, 0.102), (40, 0.140), (999, 1.099), (1000, None)]
 )

@@ -21,6 +21,7 @@ def differing(name, runs, changes=()):
     return unlike, len(pairs)
 
 
+@pytest.mark.few("ch2-unicycle-5-changes4")
 @pytest.mark.parametrize(
     ("name", "runs", "changes"),
     [

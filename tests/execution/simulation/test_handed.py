@@ -26,6 +26,7 @@ STARTS = hf.Starts(
 NAMES = ("state", "input", "actuator", "constraint", "outcome", "exit_time", "worst_constraint")
 
 
+@pytest.mark.few("alone-few records", "safeguarded-few records")
 @pytest.mark.parametrize(
     "settings",
     [

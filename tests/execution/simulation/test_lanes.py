@@ -62,6 +62,7 @@ def test_every_run_draws_noise_of_its_own():
     assert np.array_equal(one.dataset["state"], two.dataset["state"])
 
 
+@pytest.mark.few("continuous", "with a memory")
 @pytest.mark.parametrize("name", CASES)
 def test_no_bit_of_a_run_depends_on_the_runs_beside_it(name):
     system, law, starts, rest = CASES[name]()

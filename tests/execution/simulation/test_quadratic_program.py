@@ -127,6 +127,23 @@ def test_a_hundred_thousand_programs_are_compared():
     assert 2 * len(FAMILIES) * sum(COUNTS.values()) >= 100_000
 
 
+@pytest.mark.few(
+    "1-inside-plain-10",
+    "1-inside-badly scaled-10",
+    "1-anywhere-plain-10",
+    "1-thin-plain-10",
+    "1-thin-badly scaled-10",
+    "1-vertex-plain-10",
+    "1-vertex-badly scaled-10",
+    "1-repeated-plain-10",
+    "1-repeated-badly scaled-10",
+    "1-boxed-plain-10",
+    "1-boxed-badly scaled-10",
+    "3-inside-plain-10",
+    "3-inside-badly scaled-10",
+    "3-vertex-plain-10",
+    "3-vertex-badly scaled-10",
+)
 @pytest.mark.parametrize("share", [10, pytest.param(1, marks=pytest.mark.heavy)])
 @pytest.mark.parametrize("badly_scaled", [False, True], ids=["plain", "badly scaled"])
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.__name__)
@@ -141,6 +158,7 @@ def test_nearest_input_is_that_of_an_interior_point_solver(inputs, family, badly
     assert decided.count(False) <= (0.01 if share == 1 else 0.03) * len(cases)  # few: they scatter
 
 
+@pytest.mark.few("plain-1")
 @pytest.mark.parametrize("inputs", [1, 2, 3])
 @pytest.mark.parametrize("badly_scaled", [False, True], ids=["plain", "badly scaled"])
 def test_least_slack_is_that_of_a_linear_program(inputs, badly_scaled):

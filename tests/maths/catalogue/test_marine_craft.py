@@ -221,6 +221,7 @@ def test_numbers_are_replaced_by_name():
         hf.load_vehicle("otter", port_y=1.0)
 
 
+@pytest.mark.few("supply_vessel")
 @pytest.mark.parametrize("name", ["bluerov2_planar", "supply_vessel"])
 def test_allocated_set_of_more_thrusters_than_inputs_is_that_of_a_linear_programme(name):
     """Its support function and the point where it is; the image of the box is up to a fifth larger."""

@@ -35,6 +35,7 @@ def test_laws_that_face_a_target_are_made_for_slipping_wheels_and_those_to_rest_
         hf.laws.follow_field(hf.systems.slipping_unicycle())
 
 
+@pytest.mark.heavy
 def test_filter_that_counts_the_worst_slip_keeps_every_start_in_view():
     """Scenario `slipping-view`: 300 of 300 starts, 87 with a filter that knows of no slip.
 
@@ -90,6 +91,7 @@ def under(scenario, law, slips):
     )  # fmt: skip
 
 
+@pytest.mark.few("share_of_the_speed-53")
 @pytest.mark.parametrize(("slips", "unaware"), [(worst_by_the_state, 25), (share_of_the_speed, 53)])
 def test_view_is_kept_under_slips_that_depend_on_the_state(slips, unaware):
     """60 starts at limits of the region; those that a filter keeps that knows of no slip."""
@@ -126,6 +128,7 @@ def test_view_is_kept_from_24_000_starts_and_corners_and_is_lost_from_some_farth
     assert lost == 4
 
 
+@pytest.mark.heavy
 def test_kernel_of_the_worst_slip_lies_in_that_of_no_slip_and_its_states_are_kept():
     """Scenario `slipping-kernel` on 31 nodes an axis, for 10 s."""
     few = ["grid.nodes=31", "march.horizon=10", "promise.runs=60", "promise.horizon=10"]

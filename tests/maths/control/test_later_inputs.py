@@ -60,6 +60,7 @@ def motion(system):
 # -- the vehicle that is steered at once
 
 
+@pytest.mark.few("0.01-0.5", "0.1-0.001")
 @pytest.mark.parametrize("slip", [0.5, 0.001])
 @pytest.mark.parametrize("aside", [0.0, 0.01, 0.1])
 def test_vehicle_steered_at_once_brakes_before_an_obstacle_dead_ahead(slip, aside):
@@ -202,6 +203,7 @@ def drawn(generator):
     return system, hf.Region("strip", system.states, limits)
 
 
+@pytest.mark.few("5")
 @pytest.mark.parametrize("seed", range(8))
 def test_random_system_with_an_input_that_enters_later_stays_inside(seed):
     """Wherever an input meets all conditions from the start on, under corners of the bounds."""

@@ -103,6 +103,7 @@ def test_condition_affine_in_a_reciprocal_is_met_exactly_at_the_two_ends():
     assert np.array_equal(worst <= 0, largest <= 0)
 
 
+@pytest.mark.heavy
 def test_drag_and_mass_take_the_worst_of_every_vertex():
     """m v' = f - d v |v|: one condition, in which the drag costs half its range times v |v|."""
     d = hf.Parameter("d", "kg/m", value=1.0)
@@ -131,6 +132,7 @@ def test_input_beside_what_the_parameter_does_not_divide_needs_a_condition_at_ea
     assert largest == pytest.approx(worst, abs=1e-12)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("power", [2, 3])
 def test_polynomial_of_a_higher_degree_is_bounded_from_above(power):
     """v' = f/m - (v - 1) m^k: concave in m where v > 1, where the bound is above, else tight."""
@@ -246,6 +248,7 @@ def fifths(system):
     return found
 
 
+@pytest.mark.heavy
 def test_craft_has_four_conditions_a_constraint_which_hold_at_every_vertex(craft):
     """Surge and yaw inertia multiply inputs; 1,000 states and inputs at 512 vertices and within.
 

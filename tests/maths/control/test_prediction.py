@@ -82,6 +82,7 @@ def test_delay_of_too_many_inputs_is_not_predicted():
     assert prediction(CAR, HOLD, (MOST_SENT + 1) * HOLD) is None
 
 
+@pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("late", [0, 4, 10, 20])
 def test_kernel_is_kept_by_a_filter_whose_measurements_are_late(kernel, late):
@@ -145,6 +146,7 @@ def test_what_was_sent_in_place_of_an_answer_is_remembered(kernel):
     assert keep.step(near, [1.0]).input != pytest.approx(calm.step(near, [1.0]).input)
 
 
+@pytest.mark.heavy
 @needs_gcc
 @pytest.mark.filterwarnings("ignore")
 def test_late_filter_in_c_has_the_same_bits(kernel, tmp_path):
@@ -221,6 +223,7 @@ def room():
     return hf.discriminating_kernel(DRIVEN, ROOM, grid, 8.0)
 
 
+@pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore")
 def test_behind_an_observer_the_margin_allows_for_the_delay(room):
     """The observer advances its estimate with what was just sent: nobody may do it once more."""
@@ -239,6 +242,7 @@ def test_behind_an_observer_the_margin_allows_for_the_delay(room):
             observed()
 
 
+@pytest.mark.few("41")
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("gap", [23, 41])
 def test_relay_predicts_over_a_gap_from_the_fallback_that_was_sent(room, gap):
@@ -279,6 +283,7 @@ GROWING = hf.System(
 )  # fmt: skip
 
 
+@pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore")
 def test_what_a_disturbance_moves_is_carried_on_with_the_worst_input():
     """By e^(u D), with inputs of which none is 0. A longer delay is refused: runs would be lost."""

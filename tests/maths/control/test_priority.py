@@ -62,6 +62,7 @@ def test_where_all_can_be_kept_the_order_does_not_matter(point):
         assert second.value == pytest.approx(1 - state[0])
 
 
+@pytest.mark.heavy
 def test_kernel_comes_before_what_is_only_wanted(point):
     """The kernel of a corridor, then a request that leads out of it."""
     corridor = half_plane(point, "corridor", X - 1)
@@ -125,6 +126,7 @@ def kept_in_order(wanted, rows, ends, hard):
     return slack, given
 
 
+@pytest.mark.few("1")
 @pytest.mark.parametrize("m", [1, 2, 3])
 def test_levels_are_relaxed_as_little_as_those_before_them_allow(m):
     rng, relaxed = np.random.default_rng(m), 0

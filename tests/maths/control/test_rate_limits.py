@@ -23,6 +23,7 @@ def test_input_ramps_to_a_constant_command(double_integrator):
     assert data["overruled"].values[0] == 0, "a limit of the inputs is no condition"
 
 
+@pytest.mark.few("True")
 @pytest.mark.parametrize("guarded", [False, True])
 def test_no_input_and_no_acceleration_is_faster_than_it_may_be(vehicle, guarded):
     view = hf.regions.camera_view()

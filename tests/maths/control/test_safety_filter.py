@@ -235,6 +235,7 @@ def safe_states(system, boundary, count, seed=0):
     return states[boundary.worst(states) <= 0][:count]
 
 
+@pytest.mark.few("True")
 @pytest.mark.parametrize("measured", [False, True])
 def test_rows_are_those_of_the_regulation_map_of_the_same_gains(vehicle, tracked, view, measured):
     """At random states, in a current: conditions row by row, the polytope corner by corner."""
@@ -282,6 +283,7 @@ def test_target_stays_in_view_from_every_start_at_rest(kept_in_view):
     assert 0.2 < there.mean() < 0.5
 
 
+@pytest.mark.heavy
 def test_nominal_thrusts_are_those_that_make_the_nominal_forces(kept_in_view, vehicle):
     """tau = M a, and each thruster's limit of 5 N is in the result."""
     data = kept_in_view.dataset
@@ -336,6 +338,7 @@ def in_current(vehicle, law, region, low, high):
     )
 
 
+@pytest.mark.heavy
 def test_measured_current_is_allowed_for_whatever_its_direction(vehicle, tracked, ahead):
     law = hf.safeguard(vehicle, tracked, ahead, disturbance_measured=True)
     for low, high in ((-math.pi, math.pi), (0.0, 0.0), (math.pi, math.pi)):

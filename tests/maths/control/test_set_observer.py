@@ -72,6 +72,7 @@ def test_set_that_is_empty_is_learnt_anew(drifting):
     assert low <= high
 
 
+@pytest.mark.few("3.0-0.0", "1.0-0.0", "1.0-0.009")
 @pytest.mark.parametrize("noise", [0.0, 0.009])
 @pytest.mark.parametrize("period", [3.0, 1.0])
 def test_interval_of_a_drift_that_changes_within_its_rate_follows_it(drifting, period, noise):
@@ -208,6 +209,7 @@ def followed(horizon, runs, *changes):
     return outside.sum(), anew.sum(), rate, np.maximum(*half)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("current", [VEERING, EDDIES])
 def test_current_that_varies_within_its_rate_is_in_the_set_and_outside_one_of_a_constant_current(
     current,

@@ -80,6 +80,11 @@ def built(name, kind, speed_limit, turn_limit):
 # -- limits
 
 
+@pytest.mark.few(
+    "hold_station_unknown-drifting_unicycle",
+    "weathervane-drifting_unicycle",
+    "weathervane-marine_vehicle",
+)
 @pytest.mark.parametrize("kind", ["drifting_unicycle", "marine_vehicle"])
 @pytest.mark.parametrize("name", LAWS)
 def test_both_velocities_stay_within_their_limits_in_every_mode(name, kind):

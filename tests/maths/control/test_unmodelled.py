@@ -107,6 +107,7 @@ def ends(result):
     return np.hypot(last[:, 0] + 0.5, last[:, 1]), np.abs(last[:, 2])
 
 
+@pytest.mark.heavy
 def test_vehicle_arrives_although_its_model_lacks_a_force_and_a_moment():
     """1 N and 0.03 N m, of 5 N thrusters, from 200 starts: docs/own_controller.md.
 

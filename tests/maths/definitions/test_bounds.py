@@ -49,6 +49,7 @@ def test_force_and_moment_come_from_two_thrusters_each_within_its_limit(a, b):
     assert starboard == pytest.approx(min(max(wanted[1], -5), 5), abs=1e-9)
 
 
+@pytest.mark.heavy
 @given(reals, reals)
 def test_every_saturated_input_is_admissible(a, b):
     parameters = {L: 0.1, F: 5}

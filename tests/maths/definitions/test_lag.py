@@ -36,6 +36,7 @@ def test_slew_limits_how_fast_the_actuator_follows():
     assert actual[-1] == pytest.approx(1.0, abs=1e-4)
 
 
+@pytest.mark.heavy
 def test_law_of_the_vehicle_without_lag_runs_on_the_one_with_it():
     """The legs with 0.1 s of lag: 40 of 40 starts stay, 20 s; the filter's own lag would be worse."""
     scenario = hf.load_scenario(
@@ -60,6 +61,7 @@ def test_filter_names_the_lag_that_it_does_not_know():
         )
 
 
+@pytest.mark.heavy
 def test_what_cannot_be_is_refused():
     for lag, slew, complaint in (
         ({"push": 0.1}, None, "not an input"),

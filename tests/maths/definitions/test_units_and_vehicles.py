@@ -53,6 +53,7 @@ def test_wrong_units_and_non_numbers_are_refused(value, unit, complaint):
     assert complaint in str(caught.value)
 
 
+@pytest.mark.few("min", "g")
 @pytest.mark.parametrize("given", _FACTORS)
 def test_common_units_are_those_of_the_unit_library(given):
     registry, unit = pint.UnitRegistry(), _FACTORS[given][0]

@@ -744,6 +744,7 @@ horizon = 1
     assert {p.name: p.unit for p in program.parameters}["k1"] == "1/s"
 
 
+@pytest.mark.few("changes2-both varied and given a number")
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [

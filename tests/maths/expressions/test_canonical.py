@@ -41,6 +41,7 @@ def points():
     return np.vstack([corners, generator.uniform(-2, 2, (60, 2))])
 
 
+@pytest.mark.few("sign", "Heaviside", "Piecewise", "several cases", "cases that are all")
 @pytest.mark.parametrize("name", EXPRESSIONS)
 def test_value_is_that_of_sympy_where_cases_meet_too(name):
     found = Evaluator([canonical(EXPRESSIONS[name])], [X, Y], ()).values(points(), {})[:, 0]
@@ -93,6 +94,7 @@ def box(expression):
     return hf.Region("r", STATES, (hf.Inequality("box", expression, "m"),))
 
 
+@pytest.mark.few("Piecewise")
 @pytest.mark.parametrize(
     "outside",
     [

@@ -51,6 +51,7 @@ def test_min_max_select_and_clip_take_the_branch_python_takes(x, y):
     assert at(clip(X, -2, 3), x) == min(max(x, -2), 3)
 
 
+@pytest.mark.few("expression3")
 @pytest.mark.parametrize(
     "expression",
     [

@@ -64,6 +64,7 @@ def test_parsed_text_has_the_value_that_arithmetic_gives_it(text):
     assert value == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.heavy
 @settings(max_examples=300)
 @given(st.text(max_size=60))
 def test_any_text_is_parsed_or_refused_and_nothing_else_happens(text):

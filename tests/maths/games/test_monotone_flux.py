@@ -39,6 +39,7 @@ GAMES = {  # whether upwind takes it
 }
 
 
+@pytest.mark.few("False-sides1-turned ball")
 @pytest.mark.parametrize("name", GAMES)
 @pytest.mark.parametrize("sides", [("max", "min"), ("min", "max")])
 @pytest.mark.parametrize("over_points", [True, False])

@@ -40,6 +40,7 @@ def flow(system, h, at, chosen):
     return rates, sum(float(at[p]) * r for p, r in zip(h.costates, rates, strict=True))
 
 
+@pytest.mark.few("min-min")
 @pytest.mark.parametrize(("inputs", "disturbances"), [*itertools.product(("max", "min"), repeat=2)])
 def test_the_disturbance_answers_the_input(inputs, disturbances):
     """Here neither has a closed form, and it matters who chooses first."""
@@ -66,6 +67,7 @@ def test_the_lower_value_is_below_what_an_input_that_answers_would_get():
     assert number_at(h.value, at) == pytest.approx(-1)  # max_d min_h the other way about: +1
 
 
+@pytest.mark.heavy
 def test_only_what_has_no_closed_form_is_sampled():
     """A speed and a heading: at every heading the best speed is one of its ends, exactly."""
     s = system(

@@ -39,6 +39,7 @@ def test_ratios_obey_an_exactly_linear_closed_loop(n):
     assert sp.expand(rates - closed_loop_matrix(K1, gains) * y) == sp.zeros(n - 1, 1)
 
 
+@pytest.mark.few("3-gains0")
 @pytest.mark.parametrize(("n", "gains"), [(3, [2.5, 3.5]), (4, THESIS_4), (5, [14, 97, 369, 625])])
 def test_simulated_ratios_are_the_matrix_exponential(n, gains):
     """SciPy's expm, an independent solution: no singular perturbation is needed."""

@@ -96,6 +96,7 @@ def test_hitch_angle_at_which_the_flat_output_stops_is_the_stated_one(share, deg
     assert signs.tolist() == [1, -1]
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "system",
     [
@@ -124,6 +125,7 @@ def test_every_start_of_a_tractor_with_a_trailer_off_its_axle_arrives(system):
     assert result.outcomes["reached goal"] == 500
 
 
+@pytest.mark.few("{'trailers': 2, 'hitch_1': 0.2}-(2, 3, 5)")
 @pytest.mark.parametrize(
     ("arguments", "flag"),
     [
@@ -201,6 +203,7 @@ def test_front_axle_car_arrives_by_the_position_of_its_rear_axle():
     assert result.outcomes["reached goal"] == 200
 
 
+@pytest.mark.heavy
 def test_derivation_shows_the_antiderivative_and_where_its_coordinates_come_from():
     derived = hf.explain(hf.systems.tractor_trailer(1, hitch_1=0.2))
     text = " ".join(derived.text().split())

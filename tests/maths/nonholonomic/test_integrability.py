@@ -64,6 +64,7 @@ def combinations(of):
     )
 
 
+@pytest.mark.heavy
 @settings(max_examples=12, derandomize=True)
 @given(
     potential=combinations(terms),

@@ -27,6 +27,13 @@ def names(quantities):
     return [q.name for q in quantities]
 
 
+@pytest.mark.few(
+    "wheeled robot that cannot move sideways-x y-psi-1-grown0",
+    "Brockett's nonholonomic double integrator-x1 x2 x3--2-grown1",
+    "chained form with 3 states-x1 x3-x2-1-grown2",
+    "chained form with 6 states-x1 x3 x4 x5 x6-x2-1-grown3",
+    "car-like robot, by the middle of its front axle-x y psi-delta-1-grown5",
+)
 @pytest.mark.parametrize(
     ("system", "leaf", "transverse", "choices", "grown"),
     [
@@ -214,6 +221,7 @@ def test_system_without_a_constraint_is_refused(double_integrator):
         structure(double_integrator)
 
 
+@pytest.mark.few("10000000000.0")
 @pytest.mark.parametrize("size", [1e-10, 1e-3, 1e10])
 def test_verdict_does_not_depend_on_the_scale_of_the_coordinates(size):
     """z' + c y x' = 0 is nonholonomic for every c; short trailers are like long ones."""
@@ -422,6 +430,11 @@ CHAINED = [
 ]
 
 
+@pytest.mark.few(
+    "wheeled robot that cannot move sideways",
+    "car-like robot, by the middle of its rear axle",
+    "chained form with 5 states",
+)
 @pytest.mark.parametrize("system", CHAINED, ids=lambda s: s.description)
 def test_found_coordinates_are_exactly_in_chained_form(system):
     """z1' = v1, z2' = v2, zj' = z(j-1) v1 along the system's rates, at random states."""

@@ -50,6 +50,7 @@ def test_choice_of_the_exponential_is_a_yes_or_a_no(value):
         fields.dipole_like(exponential=value)
 
 
+@pytest.mark.few("dipolar")
 @pytest.mark.parametrize("function", fields.ALL, ids=lambda f: f.__name__)
 def test_every_field_is_described_with_its_source_and_facts(function):
     field = function()
@@ -112,6 +113,16 @@ CLASSICS = {
 }
 
 
+@pytest.mark.few(
+    "saddle",
+    "unequal node",
+    "star node",
+    "improper node",
+    "centre",
+    "focus",
+    "dipole",
+    "saddle-node",
+)
 @pytest.mark.parametrize("name", CLASSICS)
 def test_classic_critical_point_has_its_textbook_sectors(name):
     components, index, kind, sectors = CLASSICS[name]
@@ -119,6 +130,7 @@ def test_classic_critical_point_has_its_textbook_sectors(name):
     assert (point.kind, point.index, kinds(point)) == (kind, index, sectors)
 
 
+@pytest.mark.few("star node", "focus")
 @pytest.mark.parametrize("name", CLASSICS)
 def test_bendixson_index_of_sectors_is_the_winding_number(name):
     components, *_ = CLASSICS[name]

@@ -19,6 +19,7 @@ def text_of(figure):
     return axis, axis.get_title(), [t.get_text() for t in legend.get_texts()]
 
 
+@pytest.mark.few("dipolar")
 @pytest.mark.parametrize(
     ("field", "unit"),
     [
@@ -46,6 +47,7 @@ def test_planar_figure_names_the_rose_and_its_sectors(field, unit):
     plt.close(figure)
 
 
+@pytest.mark.heavy
 def test_potential_is_drawn_where_there_is_one():
     """Thesis Fig. 2.1: field lines and equipotential lines; the charges are nodes."""
     figure = flow_lines_figure(fields.charge_pair())
@@ -99,6 +101,7 @@ def test_field_without_axis_is_drawn_without_one():
     plt.close(figure)
 
 
+@pytest.mark.few("moment0")
 @pytest.mark.parametrize("moment", [(1.0, 0.0, 0.0), (1.0, 1.0, 1.0)])
 def test_loops_in_space_lie_in_planes_through_the_moment(moment, tmp_path):
     figure = flow_lines_figure(fields.dipolar(moment=moment), planes=3)

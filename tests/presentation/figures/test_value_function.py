@@ -97,6 +97,7 @@ def test_several_times_are_lines_named_in_seconds():
     assert len(set(colours)) == 3
 
 
+@pytest.mark.few("names0")
 @pytest.mark.parametrize("names", [("x", "y", "psi"), ("x", "y", "psi", "u"), tuple(STATES)])
 def test_more_states_are_five_slices_and_a_projection(names):
     whole = ball(*names, nodes=7)
@@ -143,6 +144,12 @@ def test_capture_basin_shows_its_least_times_up_to_its_edge():
     assert texts(figure) == ["in the set"]
 
 
+@pytest.mark.few(
+    "True-names0--5.0-empty: no node-empty",
+    "True-names0-9.0-every node of the grid-full",
+    "False-names0--5.0-empty: no node-empty",
+    "False-names0-9.0-every node of the grid-full",
+)
 @pytest.mark.parametrize(
     ("radius", "said", "where"),
     [(-5.0, "empty: no node", "empty"), (9.0, "every node of the grid", "full")],

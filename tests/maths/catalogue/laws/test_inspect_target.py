@@ -64,6 +64,7 @@ def whole(request):
     ]
 
 
+@pytest.mark.heavy
 def test_no_start_of_the_whole_of_k_chatters(whole):
     """At headings of 80 to 90 degrees both guards held at once: hundreds of changes of mode."""
     for result in whole:

@@ -96,6 +96,7 @@ def test_every_start_with_the_bow_to_the_current_comes_to_rest(scenario):
         assert missing[bow].sum() == 0
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("speed", "horizon", "counts"),
     [
@@ -170,6 +171,7 @@ UNIFORM = 'noise.uniform={x="1 mm",y="1 mm",psi="1 mrad"}'
 NOISE = 'noise={ normal = { x=0.005, y=0.005, psi="0.5 deg", u=0.01, v=0.01, r=0.02 } }'
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("speed", "changes", "counts"),
     [

@@ -194,6 +194,7 @@ def test_starts_that_come_to_rest_from_the_pose_alone_at_100_hz(speed, usual, ti
         assert found == counts
 
 
+@pytest.mark.heavy
 def test_shipped_scenarios_stay_in_view_and_come_to_rest_from_most_starts():
     """Those with eddies all the time, from the pose alone; in the tide for its first minute."""
     eddies = hf.load_scenario("inspection-eddy", ["run.record_every=150"], 64).run().outcomes
