@@ -16,7 +16,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from holdfast.execution.arithmetic.basics import greatest, least
 from holdfast.execution.arithmetic.elementary import logarithm, power, sine_and_cosine
 from holdfast.execution.arithmetic.steps import (
     FLOAT,
@@ -26,6 +25,8 @@ from holdfast.execution.arithmetic.steps import (
     bits,
     choose,
     from_bits,
+    greatest,
+    least,
     root,
 )
 from holdfast.execution.codegen.llvm_text import Leaf
