@@ -538,7 +538,7 @@ def test_figure_shows_what_was_gone_over(cart, here, over, latin, panels, tmp_pa
 MILLION = """
 import sys
 from holdfast.studies.sweep import Part, run_part
-from holdfast.execution.cache import code_digest
+from holdfast.host.files import code_digest
 from holdfast.scenario.files import read_tables
 
 file, _, tables = read_tables(sys.argv[1], ["run.horizon=1", "noise=", "varied=", "disturbance="])
