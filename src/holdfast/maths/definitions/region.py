@@ -26,8 +26,8 @@ from holdfast.maths.definitions.quantity import (
     check_unique,
     merge_parameters,
 )
-from holdfast.maths.expressions.canonical import canonical
 from holdfast.maths.expressions.functions import greatest
+from holdfast.maths.expressions.traversal import canonical
 
 
 @dataclass(frozen=True)
