@@ -99,7 +99,7 @@ def test_part_of_the_starts_on_edges_is_that_of_the_whole():
 def test_another_number_of_a_disturbance_is_no_other_program():
     from holdfast.execution.codegen.closed_loop_program import closed_loop_program
     from holdfast.execution.codegen.llvm_text import leaves_text
-    from holdfast.execution.simulation.steppers import BY_NAME
+    from holdfast.execution.simulation.settings import BY_NAME
 
     def source(speed):
         s = hf.load_scenario("ch3-known-current", [f"disturbance.Vx={speed}"])

@@ -26,10 +26,15 @@ from holdfast.errors import GainWarning, ModelWarning, SimulationError, check_na
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.resources import Progress
+from holdfast.execution.simulation.blocks import Trajectories
 from holdfast.execution.simulation.closed_loop import ClosedLoop, Command, Commander, commander_of
-from holdfast.execution.simulation.outcomes import Outcome, SafeguardAnswer
-from holdfast.execution.simulation.settings import Settings, SettingsOptions, Trajectories
-from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.execution.simulation.settings import (
+    BY_NAME,
+    Outcome,
+    SafeguardAnswer,
+    Settings,
+    SettingsOptions,
+)
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
 from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol

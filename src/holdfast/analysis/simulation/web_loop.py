@@ -23,9 +23,7 @@ from holdfast.execution.simulation.layout import (
     Layout,
     shape_of,
 )
-from holdfast.execution.simulation.outcomes import Outcome
-from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.execution.simulation.settings import BY_NAME, Outcome, Settings
 from holdfast.execution.table_in_parts import in_memory
 from holdfast.execution.web_assembly import LANES, STACK, web_module
 from holdfast.maths.definitions.law import CellLookup, Law

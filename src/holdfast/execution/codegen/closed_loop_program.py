@@ -30,7 +30,7 @@ from holdfast.execution.arithmetic.steps import FLOAT, Step, Steps, Value
 from holdfast.execution.codegen.lane_leaves import DRAW, WANDER, normal, two_uniforms
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import leaf_of, lowered
-from holdfast.execution.simulation.steppers import Tableau
+from holdfast.execution.simulation.settings import Tableau
 from holdfast.maths.control.barrier_conditions import check_reads
 from holdfast.maths.definitions.law import (
     CellLookup,

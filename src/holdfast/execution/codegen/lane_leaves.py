@@ -30,7 +30,7 @@ from holdfast.execution.arithmetic.steps import (
     root,
 )
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 
 UNIFORM, START, NORMAL, VARIED, WANDER = 1, 2, 3, 4, 5
 """Purposes of random numbers, so that no two uses share a counter."""

@@ -27,13 +27,15 @@ from holdfast.execution.simulation.blocks import (
     Blocks,
     Functions,
     Numbers,
+    Trajectories,
+    blank,
     functions_of,
     most_blocks,
 )
 from holdfast.execution.simulation.built_loop import Kind, Loop, built
 from holdfast.execution.simulation.device_runs import simulate_on
 from holdfast.execution.simulation.layout import WIDTH, shape_of
-from holdfast.execution.simulation.settings import Settings, Trajectories, blank
+from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.table_in_parts import for_look_ups
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, symbol
 

@@ -27,13 +27,14 @@ from holdfast.execution.simulation.blocks import (
     NOTED,
     BlockNumbers,
     Numbers,
+    Trajectories,
     rings_of,
     write_notes,
     write_records,
 )
 from holdfast.execution.simulation.built_loop import SINGLE, Kind, own_leaves, read_for
 from holdfast.execution.simulation.layout import Layout, shape_of
-from holdfast.execution.simulation.settings import Settings, Trajectories
+from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.table_in_parts import in_memory
 
 PLACES = ("t", "q", "x", "p")

@@ -9,7 +9,7 @@ from holdfast.execution.codegen.lane_leaves import CLOCK, DRAW, SEARCH, SWITCHES
 from holdfast.execution.foreseen import CUTS, numbers_of_search
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
-from holdfast.execution.simulation.steppers import Tableau
+from holdfast.execution.simulation.settings import Tableau
 from holdfast.maths.definitions.law import MOST_LEVELS
 
 WIDTH = 16

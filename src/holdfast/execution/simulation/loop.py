@@ -47,7 +47,7 @@ from holdfast.execution.simulation.layout import (
     RINGS_AT,
     STRIDE,
 )
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 
 
 def goes_on(w: Floats, stop: Wholes) -> bool:
