@@ -136,6 +136,19 @@ class Region:
                 expected="states among " + ", ".join(states),
             )
 
+    def check_reads(self, system: str, states: Sequence[str]) -> None:
+        """Refuse it likewise, and where it depends on time."""
+        self.check_still()
+        self.check_states(system, states)
+
+    def check_still(self) -> None:
+        """Refuse it where it depends on time."""
+        if self.moves:
+            raise DefinitionError(
+                f"region '{self.name}' depends on time",
+                expected="a stationary region; only kernels and reachable sets allow a moving one",
+            )
+
     @property
     def moves(self) -> bool:
         return any(c.expression.has(TIME) for c in self.inequalities)
