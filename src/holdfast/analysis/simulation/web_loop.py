@@ -13,14 +13,15 @@ from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, cl
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.simulation.blocks import BlockNumbers, Whole
-from holdfast.execution.simulation.built_loop import Kind, built
-from holdfast.execution.simulation.layout import (
+from holdfast.execution.simulation.built_loop import (
     LATE,
     LOG_AT,
     RECORDS,
     RING,
     RINGS_AT,
+    Kind,
     Layout,
+    built,
     shape_of,
 )
 from holdfast.execution.simulation.settings import BY_NAME, Outcome, Settings

@@ -25,28 +25,26 @@ from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.scalar_llvm import address
 from holdfast.execution.leaf import Leaves, Machine, compiled_leaves, compiled_text
 from holdfast.execution.simulation.built_loop import (
-    KEPT,
-    LOOK_UP,
-    SINGLE,
-    STAGES,
-    WHOLE_RUNS,
-    Loop,
-)
-from holdfast.execution.simulation.layout import (
     FORGOTTEN,
+    KEPT,
     LANES_OF_BLOCK,
     LATE,
     LOG,
     LOG_AT,
+    LOOK_UP,
     PITCH,
     RECORDS,
     RING,
     RINGS_AT,
     SAFEGUARD_ENTRIES,
+    SINGLE,
+    STAGES,
     STRIDE,
     TABLE_ENTRIES,
+    WHOLE_RUNS,
     WIDTH,
     Layout,
+    Loop,
 )
 from holdfast.execution.simulation.settings import Outcome, Settings
 from holdfast.execution.table_in_parts import TableInParts, read_at

@@ -32,8 +32,14 @@ from holdfast.execution.simulation.blocks import (
     write_notes,
     write_records,
 )
-from holdfast.execution.simulation.built_loop import SINGLE, Kind, own_leaves, read_for
-from holdfast.execution.simulation.layout import Layout, shape_of
+from holdfast.execution.simulation.built_loop import (
+    SINGLE,
+    Kind,
+    Layout,
+    own_leaves,
+    read_for,
+    shape_of,
+)
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.table_in_parts import in_memory
 
