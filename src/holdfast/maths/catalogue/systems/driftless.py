@@ -1,7 +1,4 @@
-"""Driftless systems that the thesis begins with: unicycle, nonholonomic integrator, chained form.
-
-They are at rest where their inputs are 0; wheels and bodies have modules of their own.
-"""
+"""The driftless systems of the thesis: unicycle, nonholonomic integrator, chained form."""
 
 from __future__ import annotations
 
