@@ -1,8 +1,9 @@
 """Symbolic functions that SymPy lacks or defines differently from what control laws need.
 
 Each has the value, the derivative and the convention at its kink that the laws assume;
-`execution/codegen/lowering.py` has the steps of each of them. A derivative never differentiates
-through a jump: the sign and the number of turns are frozen, as a sampled controller holds them.
+`execution/codegen/lowering.py` has the steps of each of them. `FUNCTIONS` are those that a text may
+call, of SymPy too. A derivative never differentiates through a jump: the sign and the number of
+turns are frozen, as a sampled controller holds them.
 
 | function | value | derivative |
 |---|---|---|
