@@ -19,7 +19,7 @@ from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.leaf import BLOCK, columns
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
 from holdfast.scenario.files import read_text
 from holdfast.studies.comparison import variant
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.control_sample import ControlSamples
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
 from tests.c_code import pointer
 
 

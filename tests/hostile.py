@@ -6,7 +6,7 @@ For hypothesis (`test_hostile_input.py`) and for the coverage-guided fuzzer (`fu
 import tomllib
 
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
-from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.execution.simulation.settings import BY_NAME
 from holdfast.scenario.files import overridden
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import scenario_of

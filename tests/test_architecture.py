@@ -142,6 +142,18 @@ def test_no_module_outgrows_its_room():
     assert not {p.name: count for p, count in lines.items() if count > 800}
 
 
+MOST_FILES = {"viability_kernel": 28, "simulate": 30, "explain": 25, "certify": 25}
+"""Files of which one call enters a function: who follows the call reads as many."""
+
+
+def test_one_call_goes_through_few_files():
+    roads = [sys.executable, TESTS.parent / "benchmarks" / "roads.py"]
+    ended = subprocess.run(roads, capture_output=True, text=True, check=True)
+    files = dict(re.findall(r"(\w+): (\d+) files", ended.stdout))
+    assert files.keys() == MOST_FILES.keys()
+    assert not {name: count for name, count in files.items() if int(count) > MOST_FILES[name]}
+
+
 def test_importing_the_package_is_light():
     code = (
         "import sys, holdfast\n"

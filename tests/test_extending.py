@@ -368,7 +368,7 @@ ADDED = {
     "a set of bounds": {"maths/definitions/sets/ellipse.py": SET},
     "a vehicle, of any system": {"vehicles/van.toml": VEHICLE},
     "an outcome of a run": {
-        "execution/simulation/outcomes.py": (
+        "execution/simulation/settings.py": (
             '    OFF_GRID = 5, "left grid"\n',
             '    OFF_GRID = 5, "left grid"\n    HASTY = 6, "was hasty"\n',
         ),

@@ -77,7 +77,7 @@ from .errors import SlowWarning as SlowWarning
 from .execution.codegen.c_source import export_c as export_c
 from .execution.codegen.c_source import export_c_header as export_c_header
 from .execution.codegen.c_source import export_c_table as export_c_table
-from .execution.simulation.outcomes import Outcome as Outcome
+from .execution.simulation.settings import Outcome as Outcome
 from .maths.catalogue import fields as fields
 from .maths.catalogue import laws as laws
 from .maths.catalogue import regions as regions

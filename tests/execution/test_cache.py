@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from holdfast.errors import CacheWarning, OutputError
-from holdfast.execution import cache, leaf
+from holdfast.execution import leaf
+from holdfast.host.files import cache_directory, distrust
 
 ANSWER = 4.0
 TEXTS = [
@@ -118,9 +119,9 @@ def test_folder_below_one_that_others_may_write_to_is_refused(folder):
     folder.mkdir()
     (folder / "mine").mkdir()
     folder.chmod(0o777)
-    assert "others may write" in cache.distrust(folder / "mine")
+    assert "others may write" in distrust(folder / "mine")
     folder.chmod(0o1777)
-    assert cache.distrust(folder / "mine") == ""
+    assert distrust(folder / "mine") == ""
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives away")
@@ -140,10 +141,10 @@ def test_shared_user_cache_is_replaced_with_a_warning(folder, monkeypatch):
     folder.mkdir()
     folder.chmod(0o777)
     with pytest.warns(CacheWarning, match="every run compiles anew"):
-        place = cache.cache_directory()
+        place = cache_directory()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert cache.cache_directory() == place  # said once
+        assert cache_directory() == place  # said once
     assert place.stat().st_mode & 0o077 == 0
     assert anew()[0] == ANSWER
     assert list(folder.iterdir()) == []
@@ -155,13 +156,13 @@ def test_read_only_user_cache_is_replaced(folder, monkeypatch):
     monkeypatch.setattr("platformdirs.user_cache_dir", lambda name: str(folder))
     folder.mkdir()
     folder.chmod(0o500)
-    assert cache.cache_directory() != folder
+    assert cache_directory() != folder
 
 
 def test_link_to_itself_is_no_cache_folder(folder):
     folder.symlink_to(folder)
     with pytest.raises(OutputError, match="cannot be written"):
-        cache.cache_directory()
+        cache_directory()
 
 
 THREADS = """

@@ -10,7 +10,7 @@ from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
 from holdfast.maths.catalogue.signature import example
 from holdfast.maths.definitions.vehicle_file import vehicle_names
 from holdfast.maths.reference_fields.critical_points import meridian

@@ -99,7 +99,7 @@ def test_part_of_the_starts_on_edges_is_that_of_the_whole():
 def test_another_number_of_a_disturbance_is_no_other_program():
     from holdfast.execution.codegen.closed_loop_program import closed_loop_program
     from holdfast.execution.codegen.llvm_text import leaves_text
-    from holdfast.execution.simulation.steppers import BY_NAME
+    from holdfast.execution.simulation.settings import BY_NAME
 
     def source(speed):
         s = hf.load_scenario("ch3-known-current", [f"disturbance.Vx={speed}"])
@@ -538,7 +538,7 @@ def test_figure_shows_what_was_gone_over(cart, here, over, latin, panels, tmp_pa
 MILLION = """
 import sys
 from holdfast.studies.sweep import Part, run_part
-from holdfast.execution.cache import code_digest
+from holdfast.host.files import code_digest
 from holdfast.scenario.files import read_tables
 
 file, _, tables = read_tables(sys.argv[1], ["run.horizon=1", "noise=", "varied=", "disturbance="])

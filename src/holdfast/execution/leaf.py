@@ -21,9 +21,9 @@ import numpy as np
 
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
-from holdfast.execution.cache import Stored
 from holdfast.execution.codegen.llvm_text import LANES, Leaf, leaves_text
 from holdfast.execution.codegen.lowering import leaf_of
+from holdfast.host.files import Stored
 from holdfast.maths.definitions.quantity import Parameter
 
 BLOCK = 1024

@@ -12,7 +12,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import lowered
 from holdfast.execution.leaf import compiled_leaves, padded
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
 from holdfast.maths.definitions.quantity import Parameter
 
 

@@ -14,8 +14,7 @@ from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.control_sample import Controller, OneRun
-from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4, Settings
 from holdfast.interop.numeric_system import Numeric, closed_expressions
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME

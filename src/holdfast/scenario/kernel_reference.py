@@ -24,10 +24,9 @@ from holdfast.analysis.safety.safety_filter import kept_law, safety_law
 from holdfast.analysis.safety.validation import default_promise
 from holdfast.errors import OutputError, ScenarioError, SimulationError
 from holdfast.execution.arrays import AnyArray, Array
-from holdfast.execution.cache import cache_directory, code_digest
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.resources import Progress
-from holdfast.host.files import FETCH_VARIABLE, scenarios_may_fetch
+from holdfast.host.files import FETCH_VARIABLE, cache_directory, code_digest, scenarios_may_fetch
 from holdfast.maths.control.velocity_tracking import track_velocity
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import symbol

@@ -33,9 +33,8 @@ from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, OutputError, ScenarioError, suggestion
 from holdfast.execution.arrays import Array
-from holdfast.execution.cache import code_digest
 from holdfast.execution.resources import available_cores
-from holdfast.host.files import make_folder
+from holdfast.host.files import code_digest, make_folder
 from holdfast.maths.definitions.quantity import split
 from holdfast.scenario.files import files_digest, overridden, read_tables
 from holdfast.scenario.kinds.base import Composed

@@ -29,8 +29,7 @@ from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
 from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.resources import Progress
-from holdfast.execution.simulation.outcomes import Outcome
-from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.simulation.settings import Outcome, Settings
 from holdfast.maths.catalogue import laws
 from holdfast.maths.catalogue.signature import arguments, leading_argument
 from holdfast.maths.definitions.law import GainCondition, Law

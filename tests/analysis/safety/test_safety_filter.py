@@ -11,7 +11,7 @@ from holdfast.analysis.safety.safety_filter import decided
 from holdfast.analysis.safety.sampled_value import sampled_value
 from holdfast.analysis.safety.validation import CONSTANT, SWINGING, SWITCHING, schedules
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.simulation.outcomes import SafeguardAnswer
+from holdfast.execution.simulation.settings import SafeguardAnswer
 from tests.carts import BOX, STATES, WALLS, U, V, X, cart, swinging
 
 

@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from holdfast.execution.arithmetic import basics, elementary
+from holdfast.execution.arithmetic import elementary, steps
 from holdfast.execution.arithmetic.steps import Steps, choose
 from holdfast.execution.codegen.llvm_text import LANES, Leaf
 from holdfast.execution.leaf import columns, compiled_leaves, padded
@@ -173,16 +173,16 @@ def test_a_value_does_not_depend_on_its_neighbours():
 
 
 def test_functions_of_laws_pass_nan_on():
-    both = machine_code(lambda a, b: basics.least(a, b) + basics.greatest(a, b), "a", "b")
+    both = machine_code(lambda a, b: steps.least(a, b) + steps.greatest(a, b), "a", "b")
     assert np.isnan(both([np.nan, 1.0], [1.0, np.nan])).all()
     assert both([1.0, 3.0], [2.0, -1.0]).tolist() == [3.0, 2.0]
-    chosen = machine_code(lambda x: basics.select(x, x * 0 + 5.0, x * 0 + 7.0), "x")
+    chosen = machine_code(lambda x: steps.select(x, x * 0 + 5.0, x * 0 + 7.0), "x")
     assert chosen([0.0, -0.0, 1.0, -1.0]).tolist() == [5.0, 5.0, 5.0, 7.0]
     assert np.isnan(chosen([np.nan]))[0]
-    turns = machine_code(basics.wrap, "x")
+    turns = machine_code(steps.wrap, "x")
     assert turns([math.pi, -math.pi]).tolist() == [math.pi, math.pi]
-    assert machine_code(basics.sgn, "x")([0.0, -0.0, -2.0]).tolist() == [1.0, 1.0, -1.0]
-    assert machine_code(basics.sign, "x")([0.0, 3.0, -2.0]).tolist() == [0.0, 1.0, -1.0]
+    assert machine_code(steps.sgn, "x")([0.0, -0.0, -2.0]).tolist() == [1.0, 1.0, -1.0]
+    assert machine_code(steps.sign, "x")([0.0, 3.0, -2.0]).tolist() == [0.0, 1.0, -1.0]
 
 
 def test_equal_steps_are_one_and_kinds_are_checked():

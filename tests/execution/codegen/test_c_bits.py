@@ -12,7 +12,7 @@ import holdfast as hf
 from holdfast.execution.codegen.c_source import export_c
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
 from holdfast.maths.formations.walls import sight_distance, wall_distance
 from tests.c_code import built, needs_gcc, pointer
 from tests.carts import BOX, WALLS, cart, swinging

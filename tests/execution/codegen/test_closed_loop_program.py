@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 import holdfast as hf
 from holdfast.errors import DefinitionError, OutputError
 from holdfast.execution import leaf
-from holdfast.execution.cache import cache_directory
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
+from holdfast.host.files import cache_directory
 from holdfast.maths.expressions.functions import angle, greatest, least, length, select, sgn, wrap
 from tests.conftest import number_at
 

@@ -7,7 +7,7 @@ import pytest
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program, controller_program
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
 from holdfast.interop.numeric_system import closed_expressions
 from holdfast.maths.definitions.system import Measurement
 

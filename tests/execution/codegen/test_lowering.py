@@ -13,8 +13,17 @@ from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic.steps import Steps
 from holdfast.execution.codegen.lowering import lowered
 from holdfast.execution.leaf import Evaluator
-from holdfast.maths.expressions.canonical import FUNCTIONS, PROCESSES
-from holdfast.maths.expressions.functions import angle, greatest, least, length, select, sgn, wrap
+from holdfast.maths.expressions.functions import (
+    FUNCTIONS,
+    PROCESSES,
+    angle,
+    greatest,
+    least,
+    length,
+    select,
+    sgn,
+    wrap,
+)
 from holdfast.maths.expressions.parser import parse_expression
 
 X, Y = sp.symbols("x y", real=True)

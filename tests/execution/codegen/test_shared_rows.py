@@ -8,7 +8,7 @@ import holdfast as hf
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.leaf import compiled_leaves
 from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
 
 
 def inspection():

@@ -3,9 +3,8 @@
 import holdfast as hf
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation import built_loop
-from holdfast.execution.simulation.built_loop import Kind, built
-from holdfast.execution.simulation.layout import shape_of
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.built_loop import Kind, built, shape_of
+from holdfast.execution.simulation.settings import RK4
 
 
 def test_text_from_the_disk_is_the_text_that_was_read(tmp_path, monkeypatch):

@@ -6,7 +6,7 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 import holdfast as hf
-from holdfast.execution.simulation.steppers import (
+from holdfast.execution.simulation.settings import (
     ALL,
     BOGACKI_SHAMPINE,
     DORMAND_PRINCE,

@@ -11,7 +11,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.leaf import Evaluator
-from holdfast.execution.simulation.outcomes import SafeguardAnswer
+from holdfast.execution.simulation.settings import SafeguardAnswer
 from holdfast.maths.expressions.functions import wrap
 
 K1, K2 = 1.0, 4.0

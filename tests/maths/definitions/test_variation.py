@@ -20,7 +20,7 @@ from holdfast.errors import (
 )
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.execution.simulation.settings import BY_NAME
 from holdfast.maths.expressions.functions import magnitude
 from holdfast.presentation.text.runs import summary_text
 

@@ -7,9 +7,8 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.leaf import Evaluator
-from holdfast.maths.expressions.canonical import canonical
 from holdfast.maths.expressions.functions import angle, length
-from holdfast.maths.expressions.traversal import parts
+from holdfast.maths.expressions.traversal import canonical, parts
 from holdfast.maths.expressions.written import FUNCTIONS
 
 X, Y, U, W = (hf.symbol(n) for n in ("x", "y", "u", "w"))

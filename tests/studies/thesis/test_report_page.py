@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.execution.simulation.outcomes import OUTCOMES
+from holdfast.execution.simulation.settings import OUTCOMES
 from holdfast.presentation.figures import style
 from holdfast.presentation.html.interactive import FINENESS, INK, MOST_RUNS, paths_data
 from holdfast.scenario.load import load_scenario

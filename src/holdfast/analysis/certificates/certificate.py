@@ -27,11 +27,10 @@ from holdfast.analysis.certificates.cells import Cells, Counted, Halvings, Kept
 from holdfast.analysis.certificates.images import Images, forget, images, sure_of
 from holdfast.errors import DefinitionError, ModelWarning, OutputError, SimulationError
 from holdfast.execution.arrays import Array, Truths, Wholes
-from holdfast.execution.cache import Stored
 from holdfast.execution.intervals.enclosures import STANDARD
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.execution.intervals.law_ranges import TableRanges
-from holdfast.host.files import atomic_file
+from holdfast.host.files import Stored, atomic_file
 from holdfast.maths.definitions.law import LawCases, Lookup, Option, Program
 from holdfast.maths.definitions.quantity import TIME, TIME_IN_MODE, symbol
 from holdfast.maths.expressions.traversal import exact, plain_text

@@ -22,7 +22,7 @@ from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.law import CellLookup, Law
 from holdfast.maths.definitions.quantity import Parameter, Quantity
-from holdfast.maths.definitions.sets.box import Box
+from holdfast.maths.definitions.sets.base import Box
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import exact
 

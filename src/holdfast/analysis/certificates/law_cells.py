@@ -37,9 +37,8 @@ from holdfast.maths.definitions.law import (
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.canonical import branches
 from holdfast.maths.expressions.functions import least
-from holdfast.maths.expressions.traversal import exact, exchanged, symbols_of
+from holdfast.maths.expressions.traversal import branches, exact, exchanged, symbols_of
 
 Parts = tuple[tuple[float, ...], ...]
 _Branch = tuple[Conditions, tuple[Option | Program, ...]]

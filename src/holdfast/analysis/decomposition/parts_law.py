@@ -47,7 +47,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 from holdfast.maths.control.safety_filter import Row, check_fit, input_scales
 from holdfast.maths.decomposition.prediction import lags
 from holdfast.maths.definitions.law import Law, Safeguard

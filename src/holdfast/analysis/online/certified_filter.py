@@ -30,7 +30,7 @@ from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import Alive, Command
 from holdfast.execution.simulation.control_sample import ControlSamples, Rows
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System

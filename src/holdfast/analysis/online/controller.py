@@ -20,7 +20,7 @@ from holdfast.errors import ArgumentError, SimulationError, check_name
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.simulation.control_sample import ControlSamples, PlantSamples
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
 from holdfast.maths.control.velocity_tracking import commanded
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
 from holdfast.maths.definitions.switching import Switching

@@ -31,9 +31,7 @@ from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.foreseen import numbers_of_look
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.outcomes import Outcome
-from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4, Outcome, Settings
 from holdfast.maths.control.barrier_conditions import unused_inputs
 from holdfast.maths.control.parameter_box import parameter_box
 from holdfast.maths.control.prediction import Prediction

@@ -49,7 +49,7 @@ from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.simulation.control_sample import ControlSamples
-from holdfast.execution.simulation.steppers import RK4
+from holdfast.execution.simulation.settings import RK4
 from holdfast.maths.control.observer import observe, observe_set
 from holdfast.maths.control.safety_filter import Asked, limit_rates
 from holdfast.maths.definitions.law import Law

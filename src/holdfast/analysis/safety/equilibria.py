@@ -19,7 +19,6 @@ from holdfast.arguments import checked, renamed
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
-from holdfast.maths.control.barrier_conditions import check_reads
 from holdfast.maths.definitions.quantity import TIME, merge_parameters, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
@@ -90,7 +89,7 @@ class Search:
         field: Mapping[str, sp.Expr] | None = None,
         drawn: Sequence[sp.Symbol] = (),
     ) -> None:
-        check_reads(system, region)
+        region.check_reads(system.name, system.state_names)
         if not searches >= 1:
             raise DefinitionError(f"searches is {searches}", expected="at least 1")
         if seed < 0:

@@ -31,13 +31,13 @@ from holdfast.analysis.reachability.grid import number
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray, Array, Truths
-from holdfast.execution.cache import Stored, code_digest
 from holdfast.execution.codegen.scalar_llvm import called
 from holdfast.execution.foreseen import CUTS, numbers_of_search
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.sampled_game import numbers_of_motion
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.execution.table_in_parts import values_at
+from holdfast.host.files import Stored, code_digest
 from holdfast.maths.control.prediction import HeldMotion, held_motion, prediction
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import Lookup, SampledLookup

@@ -49,7 +49,7 @@ from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray, Array, Truths
 from holdfast.execution.leaf import Evaluator
 from holdfast.execution.resources import Progress, check_trials
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 from holdfast.maths.control.value_filter import ADVERSARY_AIM
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME, symbol

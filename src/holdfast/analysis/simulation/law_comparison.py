@@ -18,7 +18,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError
 from holdfast.execution.arrays import AnyArray, Array, Truths, Wholes
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 
 CONFIDENCE = 0.95
 

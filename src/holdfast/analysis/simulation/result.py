@@ -16,7 +16,7 @@ from holdfast.analysis.simulation.files import NamedArrays, write_arrays, write_
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Truths
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -20,16 +20,21 @@ import sympy as sp
 from holdfast._version import __version__
 from holdfast.analysis.simulation.files import NamedArray, NamedArrays
 from holdfast.analysis.simulation.result import Result
-from holdfast.analysis.simulation.starts import Starts, initial_states
+from holdfast.analysis.simulation.starts import Starts, on_boundary
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, ModelWarning, SimulationError, check_name, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.resources import Progress
+from holdfast.execution.simulation.blocks import Trajectories
 from holdfast.execution.simulation.closed_loop import ClosedLoop, Command, Commander, commander_of
-from holdfast.execution.simulation.outcomes import Outcome, SafeguardAnswer
-from holdfast.execution.simulation.settings import Settings, SettingsOptions, Trajectories
-from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.execution.simulation.settings import (
+    BY_NAME,
+    Outcome,
+    SafeguardAnswer,
+    Settings,
+    SettingsOptions,
+)
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
 from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol
@@ -494,7 +499,7 @@ def simulate(
         loop.check_room(starts.count * turns if part is None else len(part), chosen)
     try:
         initial = _from_every_start(
-            lambda of: initial_states(system, region, loop, starts, chosen, start_outside, of),
+            lambda of: _initial_states(system, region, loop, starts, chosen, start_outside, of),
             turns,
             part,
         )
@@ -542,6 +547,84 @@ def simulate(
         parameters={p.name: p.value for p in program.parameters},
         reference=reference,
     )
+
+
+def _initial_states(
+    system: System,
+    region: Region | None,
+    loop: ClosedLoop,
+    starts: Starts | Sequence[Sequence[float]] | Array,
+    settings: Settings,
+    start_outside: bool,
+    part: range | None = None,
+) -> Array:
+    """The states of the starts, or of a part of them; `SimulationError` for an invalid state. The
+    states have the shape (runs, states)."""
+    names = system.state_names
+    first = part.start if part is not None else 0
+    if isinstance(starts, Starts):
+        for named in (*starts.states, starts.box):
+            for name in named:
+                if name not in names:
+                    raise SimulationError(
+                        f"'{name}' is not a state of system '{system.name}'",
+                        remedy=suggestion(name, names),
+                    )
+        fixed = np.array([[s.get(n, 0.0) for n in names] for s in starts.states], dtype=float)
+        fixed = fixed.reshape(-1, len(names))
+        if starts.random < 0:
+            raise SimulationError(f"{starts.random} random starts", expected="0 or more")
+        drawn = range(starts.random)
+        if part is not None:
+            drawn = range(max(0, first - len(fixed)), max(0, part.stop - len(fixed)))
+            fixed = fixed[part.start : part.stop]
+            if part.step != 1 or drawn.stop > starts.random:
+                raise SimulationError(f"part {part} of {len(starts.states) + starts.random} runs")
+        parts = [fixed]
+        if drawn:
+            if not starts.box:
+                raise SimulationError(f"{starts.random} random starts need a box to be drawn from")
+            low, high = (
+                np.array([starts.box.get(n, (0.0, 0.0))[i] for n in names], dtype=float)
+                for i in (0, 1)
+            )
+            for name, a, b in zip(names, low, high, strict=True):
+                if not a <= b:
+                    raise SimulationError(
+                        f"the box of '{name}' is [{a:g}, {b:g}]", expected="lowest first"
+                    )
+            if starts.active:
+                parts.append(on_boundary(system, region, starts, drawn, low, high, settings.seed))
+            else:
+                parts.append(loop.sample(low, high, len(drawn), settings.seed, drawn.start))
+        initial = np.vstack(parts)
+    else:
+        initial = np.array(starts, dtype=float)
+        if initial.ndim != 2 or initial.shape[1] != len(names):
+            raise SimulationError(
+                f"starts have the shape {initial.shape}",
+                expected=f"(runs, {len(names)}) for the states {', '.join(names)}",
+            )
+        if part is not None:
+            initial = initial[part.start : part.stop]
+    if len(initial) == 0:
+        raise SimulationError("the simulation has no runs", expected="at least one start")
+    if not np.isfinite(initial).all():
+        raise SimulationError("a start is not finite")
+    if not start_outside:
+        values = loop.constraints(initial)
+        bad = np.argwhere(~(values <= settings.tolerance))
+        if bad.size:
+            run, j = bad[0]
+            name, unit = loop.program.constraints[j]
+            state = ", ".join(f"{n}={v:g}" for n, v in zip(names, initial[run], strict=True))
+            raise SimulationError(
+                f"start {first + run} ({state}) lies outside the region: {name} = "
+                f"{values[run, j]:.4g} {unit}",
+                expected=f"at most {settings.tolerance:g}",
+                remedy="move the start, or allow starts outside the region",
+            )
+    return initial
 
 
 class _Identity:

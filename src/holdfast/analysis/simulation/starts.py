@@ -1,4 +1,4 @@
-"""Starts of runs: given states, random ones of the region, random ones of its edges."""
+"""Starts of runs: given states, random ones of a box; states on the edges of a region."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from holdfast.arguments import Count, OfStates, RangesOfStates, checked
-from holdfast.errors import SimulationError, check_name, suggestion
+from holdfast.errors import SimulationError, check_name
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
-from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 
@@ -42,85 +40,7 @@ class Starts:
         return len(self.states) + self.random
 
 
-def initial_states(
-    system: System,
-    region: Region | None,
-    loop: ClosedLoop,
-    starts: Starts | Sequence[Sequence[float]] | Array,
-    settings: Settings,
-    start_outside: bool,
-    part: range | None = None,
-) -> Array:
-    """The states of the starts, or of a part of them; `SimulationError` for an invalid state. The
-    states have the shape (runs, states)."""
-    names = system.state_names
-    first = part.start if part is not None else 0
-    if isinstance(starts, Starts):
-        for named in (*starts.states, starts.box):
-            for name in named:
-                if name not in names:
-                    raise SimulationError(
-                        f"'{name}' is not a state of system '{system.name}'",
-                        remedy=suggestion(name, names),
-                    )
-        fixed = np.array([[s.get(n, 0.0) for n in names] for s in starts.states], dtype=float)
-        fixed = fixed.reshape(-1, len(names))
-        if starts.random < 0:
-            raise SimulationError(f"{starts.random} random starts", expected="0 or more")
-        drawn = range(starts.random)
-        if part is not None:
-            drawn = range(max(0, first - len(fixed)), max(0, part.stop - len(fixed)))
-            fixed = fixed[part.start : part.stop]
-            if part.step != 1 or drawn.stop > starts.random:
-                raise SimulationError(f"part {part} of {len(starts.states) + starts.random} runs")
-        parts = [fixed]
-        if drawn:
-            if not starts.box:
-                raise SimulationError(f"{starts.random} random starts need a box to be drawn from")
-            low, high = (
-                np.array([starts.box.get(n, (0.0, 0.0))[i] for n in names], dtype=float)
-                for i in (0, 1)
-            )
-            for name, a, b in zip(names, low, high, strict=True):
-                if not a <= b:
-                    raise SimulationError(
-                        f"the box of '{name}' is [{a:g}, {b:g}]", expected="lowest first"
-                    )
-            if starts.active:
-                parts.append(_on_boundary(system, region, starts, drawn, low, high, settings.seed))
-            else:
-                parts.append(loop.sample(low, high, len(drawn), settings.seed, drawn.start))
-        initial = np.vstack(parts)
-    else:
-        initial = np.array(starts, dtype=float)
-        if initial.ndim != 2 or initial.shape[1] != len(names):
-            raise SimulationError(
-                f"starts have the shape {initial.shape}",
-                expected=f"(runs, {len(names)}) for the states {', '.join(names)}",
-            )
-        if part is not None:
-            initial = initial[part.start : part.stop]
-    if len(initial) == 0:
-        raise SimulationError("the simulation has no runs", expected="at least one start")
-    if not np.isfinite(initial).all():
-        raise SimulationError("a start is not finite")
-    if not start_outside:
-        values = loop.constraints(initial)
-        bad = np.argwhere(~(values <= settings.tolerance))
-        if bad.size:
-            run, j = bad[0]
-            name, unit = loop.program.constraints[j]
-            state = ", ".join(f"{n}={v:g}" for n, v in zip(names, initial[run], strict=True))
-            raise SimulationError(
-                f"start {first + run} ({state}) lies outside the region: {name} = "
-                f"{values[run, j]:.4g} {unit}",
-                expected=f"at most {settings.tolerance:g}",
-                remedy="move the start, or allow starts outside the region",
-            )
-    return initial
-
-
-def _on_boundary(
+def on_boundary(
     system: System,
     region: Region | None,
     starts: Starts,
@@ -131,8 +51,9 @@ def _on_boundary(
 ) -> Array:
     """Random states of the box at which the inequalities of a group are active together.
 
-    drawn: indices of the wanted ones. Every block has its own random numbers, so that the states
-    are the same in any part.
+    low, high: shape (states,); the states have the shape (drawn, states). drawn: indices of the
+    wanted ones. Every block has its own random numbers, so that the states are the same in any
+    part.
     """
     if region is None:
         raise SimulationError("starts where inequalities are active need a region")

@@ -13,19 +13,18 @@ from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, cl
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.simulation.blocks import BlockNumbers, Whole
-from holdfast.execution.simulation.built_loop import Kind, built
-from holdfast.execution.simulation.layout import (
+from holdfast.execution.simulation.built_loop import (
     LATE,
     LOG_AT,
     RECORDS,
     RING,
     RINGS_AT,
+    Kind,
     Layout,
+    built,
     shape_of,
 )
-from holdfast.execution.simulation.outcomes import Outcome
-from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.execution.simulation.settings import BY_NAME, Outcome, Settings
 from holdfast.execution.table_in_parts import in_memory
 from holdfast.execution.web_assembly import LANES, STACK, web_module
 from holdfast.maths.definitions.law import CellLookup, Law

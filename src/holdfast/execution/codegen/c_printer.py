@@ -17,7 +17,6 @@ from types import MappingProxyType
 
 import sympy as sp
 
-from holdfast.execution.arithmetic.basics import OverWalls
 from holdfast.execution.arithmetic.steps import (
     FLOAT,
     WHERE,
@@ -28,7 +27,7 @@ from holdfast.execution.arithmetic.steps import (
     Value,
     in_single,
 )
-from holdfast.execution.codegen.lowering import WALLS, lowered
+from holdfast.execution.codegen.lowering import WALLS, OverWalls, lowered
 from holdfast.execution.codegen.scalar_reader import (
     ARRAYS,
     BOOL,

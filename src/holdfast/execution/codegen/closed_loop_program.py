@@ -30,8 +30,7 @@ from holdfast.execution.arithmetic.steps import FLOAT, Step, Steps, Value
 from holdfast.execution.codegen.lane_leaves import DRAW, WANDER, normal, two_uniforms
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import leaf_of, lowered
-from holdfast.execution.simulation.steppers import Tableau
-from holdfast.maths.control.barrier_conditions import check_reads
+from holdfast.execution.simulation.settings import Tableau
 from holdfast.maths.definitions.law import (
     CellLookup,
     GainCondition,
@@ -548,7 +547,7 @@ def closed_loop_program(
     switching = controller.switching
     for watched in (region, goal):
         if watched is not None:
-            check_reads(system, watched)
+            watched.check_reads(system.name, system.state_names)
     parameters = merge_parameters(
         controller.parameters,
         region.parameters if region else (),

@@ -16,7 +16,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from holdfast.execution.arithmetic.basics import greatest, least
 from holdfast.execution.arithmetic.elementary import logarithm, power, sine_and_cosine
 from holdfast.execution.arithmetic.steps import (
     FLOAT,
@@ -26,10 +25,12 @@ from holdfast.execution.arithmetic.steps import (
     bits,
     choose,
     from_bits,
+    greatest,
+    least,
     root,
 )
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 
 UNIFORM, START, NORMAL, VARIED, WANDER = 1, 2, 3, 4, 5
 """Purposes of random numbers, so that no two uses share a counter."""

@@ -64,14 +64,9 @@ DEVICES = ("cpu", "gpu", "c++")
 that does, the same kernels compiled by a C++ compiler."""
 
 
-def device_named(name: str) -> Device | None:
-    """None for the cores of this machine. Raises `SimulationError` where there is none."""
-    if name == "cpu":
-        return None
-    if name == "gpu":
-        return cuda_device()
-
-    return HostDevice()
+def device_named(name: str) -> Device:
+    """A device other than the cores of this machine; `SimulationError` where there is none."""
+    return cuda_device() if name == "gpu" else HostDevice()
 
 
 CUDA_OPTIONS = ("--std=c++17", "--fmad=false", "--prec-div=true", "--prec-sqrt=true", "--ftz=false")

@@ -38,8 +38,6 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.arithmetic import elementary
-from holdfast.execution.arithmetic.basics import greatest as greatest_number
-from holdfast.execution.arithmetic.basics import least as least_number
 from holdfast.execution.arithmetic.steps import (
     FLOAT,
     Steps,
@@ -54,6 +52,8 @@ from holdfast.execution.arithmetic.steps import (
     rint,
     root,
 )
+from holdfast.execution.arithmetic.steps import greatest as greatest_number
+from holdfast.execution.arithmetic.steps import least as least_number
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import Lowering

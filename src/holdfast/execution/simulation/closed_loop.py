@@ -27,13 +27,14 @@ from holdfast.execution.simulation.blocks import (
     Blocks,
     Functions,
     Numbers,
+    Trajectories,
+    blank,
     functions_of,
     most_blocks,
 )
-from holdfast.execution.simulation.built_loop import Kind, Loop, built
+from holdfast.execution.simulation.built_loop import WIDTH, Kind, Loop, built, shape_of
 from holdfast.execution.simulation.device_runs import simulate_on
-from holdfast.execution.simulation.layout import WIDTH, shape_of
-from holdfast.execution.simulation.settings import Settings, Trajectories, blank
+from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.table_in_parts import for_look_ups
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, symbol
 
@@ -391,8 +392,8 @@ class ClosedLoop:
                 key="delay",
             )
         kind = Kind(bool(noise.any()), late, settings.switch_limit, settings.until_goal)
-        device = device_named(settings.device)
-        if device is not None:
+        if settings.device != "cpu":
+            device = device_named(settings.device)
             program.check_alone()
             began = time.perf_counter()
             simulate_on(

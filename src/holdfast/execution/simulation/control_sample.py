@@ -13,10 +13,9 @@ import numpy as np
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.simulation.blocks import NEVER, Blocks, Numbers
+from holdfast.execution.simulation.built_loop import WIDTH
 from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.layout import WIDTH
-from holdfast.execution.simulation.outcomes import Outcome
-from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.simulation.settings import Outcome, Settings
 
 _NONE = np.empty(0, dtype=np.int64)
 

@@ -27,13 +27,20 @@ from holdfast.execution.simulation.blocks import (
     NOTED,
     BlockNumbers,
     Numbers,
+    Trajectories,
     rings_of,
     write_notes,
     write_records,
 )
-from holdfast.execution.simulation.built_loop import SINGLE, Kind, fixed_for, own_leaves
-from holdfast.execution.simulation.layout import Layout, shape_of
-from holdfast.execution.simulation.settings import Settings, Trajectories
+from holdfast.execution.simulation.built_loop import (
+    SINGLE,
+    Kind,
+    Layout,
+    fixed_for,
+    own_leaves,
+    shape_of,
+)
+from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.table_in_parts import in_memory
 
 PLACES = ("t", "q", "x", "p")

@@ -21,7 +21,7 @@ leaves the addresses of leaves and parts; stop[0] is 1 when somebody stops the l
 one dimension:
 
     w           (rows * width,)     the lanes of a row side by side: a register takes several
-    s           (entries,)          as `layout.py` says
+    s           (entries,)          as `Layout` of `built_loop.py` says
     leaves      (leaves,)
     stop        (1,)
 
@@ -36,7 +36,7 @@ constraints are looked at more closely inside a step for their peaks and crossin
 from __future__ import annotations
 
 from holdfast.execution.codegen.lane_leaves import BISECTION_STEPS, GOLDEN_STEPS
-from holdfast.execution.simulation.layout import (
+from holdfast.execution.simulation.built_loop import (
     FORGOTTEN,
     LATE,
     LOG,
@@ -47,7 +47,7 @@ from holdfast.execution.simulation.layout import (
     RINGS_AT,
     STRIDE,
 )
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 
 
 def goes_on(w: Floats, stop: Wholes) -> bool:

@@ -15,9 +15,9 @@ from holdfast.execution.arrays import Floats, Table, Wholes
 from holdfast.execution.foreseen import keep_foreseen, numbers_of_search
 from holdfast.execution.interpolate import beyond_grid, look_up
 from holdfast.execution.look_in_cells import look_in_cells
-from holdfast.execution.simulation.layout import AHEAD, LANES_OF_BLOCK
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.built_loop import AHEAD, LANES_OF_BLOCK
 from holdfast.execution.simulation.quadratic_program import keep_in_order, overrules
+from holdfast.execution.simulation.settings import Outcome
 
 
 def table_at(address: int) -> Table:

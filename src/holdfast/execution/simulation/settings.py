@@ -1,9 +1,14 @@
-"""Settings of a simulation (times, steps, noise, seed), and what is recorded of a batch of runs."""
+"""What a run is asked and how it may end: times, Runge-Kutta method, noise, seed; outcomes.
+
+A Runge-Kutta method is a tableau. One with a second row of weights estimates its error and may
+choose its own steps.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import TypedDict
 
 import numpy as np
@@ -12,8 +17,123 @@ import numpy.typing as npt
 from holdfast.arguments import OfStates, Seconds, checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arrays import Array
-from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.device.program import DEVICES
+
+
+class Outcome(IntEnum):
+    """The outcome of a trajectory, with the label that users read.
+
+    A run that left the grid stayed in its region, but reached a state where the value function of
+    its law is not known.
+    """
+
+    STAYED = 0, "stayed"
+    REACHED = 1, "reached goal"
+    LEFT = 2, "left region"
+    DIVERGED = 3, "diverged"
+    CHATTERED = 4, "chattered"
+    OFF_GRID = 5, "left grid"
+
+    label: str
+
+    def __new__(cls, number: int, label: str = "") -> Outcome:
+        made = int.__new__(cls, number)
+        made._value_, made.label = number, label
+        return made
+
+
+OUTCOMES = tuple(one.label for one in Outcome)
+"""The labels, in the order of `Outcome`."""
+
+
+class SafeguardAnswer(IntEnum):
+    """The action of a safeguard on the command of its law at a sample."""
+
+    KEPT = 0
+    OVERRULED = 1
+    INFEASIBLE = 2
+
+    @property
+    def label(self) -> str:
+        return ("kept", "overruled", "no admissible input")[self]
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """Butcher tableau: stage i is at c[i] with a[i]; the step is b; b - b_low the error."""
+
+    name: str
+    order: int
+    a: tuple[tuple[float, ...], ...]
+    b: tuple[float, ...]
+    b_low: tuple[float, ...] | None = None
+
+    @property
+    def c(self) -> tuple[float, ...]:
+        return tuple(sum(row) for row in self.a)
+
+    @property
+    def adaptive(self) -> bool:
+        return self.b_low is not None
+
+    def weights(self) -> npt.NDArray[np.float64]:
+        """The rows of a, then b, b - b_low and c, each with an entry for every stage. The shape is
+        (stages + 3, stages)."""
+        stages = len(self.b)
+        table = np.zeros((stages + 3, stages))
+        for row, weights in zip(table, self.a, strict=False):
+            row[: len(weights)] = weights
+        table[stages] = self.b
+        if self.b_low is not None:
+            table[stages + 1] = np.subtract(self.b, self.b_low)
+        table[stages + 2] = self.c
+        return table
+
+
+RK4 = Tableau(
+    "rk4",
+    4,
+    a=((), (1 / 2,), (0, 1 / 2), (0, 0, 1)),
+    b=(1 / 6, 1 / 3, 1 / 3, 1 / 6),
+)
+"""Kutta 1901, the classical fourth-order method."""
+
+BOGACKI_SHAMPINE = Tableau(
+    "bogacki-shampine",
+    3,
+    a=((), (1 / 2,), (0, 3 / 4), (2 / 9, 1 / 3, 4 / 9)),
+    b=(2 / 9, 1 / 3, 4 / 9, 0),
+    b_low=(7 / 24, 1 / 4, 1 / 3, 1 / 8),
+)
+"""P. Bogacki, L. F. Shampine, Appl. Math. Lett. 2(4), 1989: a 3(2) pair."""
+
+DORMAND_PRINCE = Tableau(
+    "dormand-prince",
+    5,
+    a=(
+        (),
+        (1 / 5,),
+        (3 / 40, 9 / 40),
+        (44 / 45, -56 / 15, 32 / 9),
+        (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
+        (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
+        (35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+    ),
+    b=(35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84, 0),
+    b_low=(
+        5179 / 57600,
+        0,
+        7571 / 16695,
+        393 / 640,
+        -92097 / 339200,
+        187 / 2100,
+        1 / 40,
+    ),
+)
+"""J. R. Dormand, P. J. Prince, J. Comput. Appl. Math. 6(1), 1980: a 5(4) pair."""
+
+ALL = (RK4, BOGACKI_SHAMPINE, DORMAND_PRINCE)
+BY_NAME = {tableau.name: tableau for tableau in ALL}
 
 
 @checked
@@ -128,102 +248,6 @@ def _is_number(value: object) -> bool:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return False
     return bool(np.isfinite(value))
-
-
-@dataclass(frozen=True)
-class Trajectories:
-    """The trajectories of a batch of runs; the first axis of every array but `time` is the run.
-
-    state, input, actuator, signal, constraint: (run, time, ...); mode: (run, time).
-    nominal, nominal_actuator (run, time, ...): the command of the law before its safeguard, as
-    inputs and as actuators; sample_slack (run, time): how far its conditions were relaxed;
-    safeguard (run, time): a `SafeguardAnswer`, -1 after the end of a run. They have no samples
-    where there is no safeguard.
-    outcome, exit_time [s], exit_constraint (-1: none), goal_time [s] (since when the run is
-    in the goal at its end), worst (run, constraint): the largest c_j over all of time,
-    peak_input, peak_actuator: the largest magnitudes, switches: changes of mode,
-    shortest_dwell [s]: between two of them (infinite where there are not two), overruled: control
-    samples at which the safeguard changed the command, infeasible: those at which it found no
-    admissible input, largest_slack: the most it needed, rejected: adaptive steps refused,
-    off_grid [s]: when the law first asked its table outside the grid or the cells (NaN: never),
-    beyond (run, 1 + disturbances): when a field first exceeded its bounds (NaN: never) and its
-    values then, of a field only, wander (run, time, process): of the disturbance,
-    varied (run, name): what the run had values of its own for,
-    wall_time: seconds of simulation, without compilation.
-    """
-
-    time: Array
-    state: Array
-    input: Array
-    actuator: Array
-    mode: npt.NDArray[np.int16]
-    signal: Array
-    constraint: Array
-    nominal: Array
-    nominal_actuator: Array
-    sample_slack: Array
-    safeguard: npt.NDArray[np.int8]
-    outcome: npt.NDArray[np.int8]
-    exit_time: Array
-    exit_constraint: npt.NDArray[np.int16]
-    goal_time: Array
-    worst: Array
-    peak_input: Array
-    peak_actuator: Array
-    switches: npt.NDArray[np.int64]
-    shortest_dwell: Array
-    overruled: npt.NDArray[np.int64]
-    infeasible: npt.NDArray[np.int64]
-    largest_slack: Array
-    rejected: npt.NDArray[np.int64]
-    off_grid: Array
-    beyond: Array
-    varied: Array
-    wander: Array
-    wall_time: float = 0.0
-
-
-def blank(program: ClosedLoopProgram, settings: Settings, varied: Array) -> Trajectories:
-    """What runs fill; varied: what each of them has values of its own for. varied: shape (runs,
-    quantities)."""
-    runs, n, watch = len(varied), len(program.states), len(program.constraints)
-    stride = settings.stride
-    rows = settings.samples // stride + 1
-
-    def of(*shape: int) -> Array:
-        return np.full((runs, *shape), np.nan)
-
-    guarded = rows if program.safeguarded else 0
-    return Trajectories(
-        time=np.arange(rows, dtype=np.float64) * (stride * settings.sample_time),
-        state=of(rows, n),
-        input=of(rows, len(program.inputs)),
-        actuator=of(rows, len(program.actuators)),
-        mode=np.full((runs, rows), -1, dtype=np.int16),
-        signal=of(rows, len(program.signals)),
-        constraint=of(rows, watch),
-        nominal=of(guarded, len(program.inputs)),
-        nominal_actuator=of(guarded, len(program.actuators)),
-        sample_slack=of(guarded),
-        safeguard=np.full((runs, guarded), -1, dtype=np.int8),
-        outcome=np.zeros(runs, dtype=np.int8),
-        exit_time=of(),
-        exit_constraint=np.full(runs, -1, dtype=np.int16),
-        goal_time=of(),
-        worst=np.full((runs, watch), -np.inf),
-        peak_input=np.zeros((runs, len(program.inputs))),
-        peak_actuator=np.zeros((runs, len(program.actuators))),
-        switches=np.zeros(runs, dtype=np.int64),
-        shortest_dwell=np.full(runs, np.inf),
-        overruled=np.zeros(runs, dtype=np.int64),
-        infeasible=np.zeros(runs, dtype=np.int64),
-        largest_slack=np.zeros(runs),
-        rejected=np.zeros(runs, dtype=np.int64),
-        off_grid=of(),
-        beyond=of(1 + program.bounded if program.bounded else 0),
-        varied=varied,
-        wander=of(rows, program.wandering),
-    )
 
 
 class SettingsOptions(TypedDict, total=False):

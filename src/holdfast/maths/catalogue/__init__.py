@@ -1,4 +1,4 @@
-"""Catalogue of systems, laws, regions and fields; an entry is one file and its name in `ALL`."""
+"""Catalogue of systems, laws, regions and fields; an entry is a function and its name in `ALL`."""
 
 import lazy_loader
 

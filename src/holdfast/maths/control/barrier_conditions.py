@@ -49,27 +49,12 @@ def outward_rates(system: System, region: Region, law: Law | None = None) -> dic
     With a `law`, its outputs take the place of the inputs. Raises `DefinitionError` when
     the region reads a state that the system does not have.
     """
-    check_reads(system, region)
+    region.check_reads(system.name, system.state_names)
     rates = {c.name: system.derivative(c.expression) for c in region.inequalities}
     if law is None:
         return rates
     closed = {q.symbol: law.outputs[q.name] for q in system.inputs}
     return {name: rate.subs(closed) for name, rate in rates.items()}
-
-
-def check_reads(system: System, region: Region) -> None:
-    """Refuse a region that reads an unknown state or depends on time."""
-    check_still(region)
-    region.check_states(system.name, system.state_names)
-
-
-def check_still(region: Region) -> None:
-    """Refuse a region that depends on time."""
-    if region.moves:
-        raise DefinitionError(
-            f"region '{region.name}' depends on time",
-            expected="a stationary region; only kernels and reachable sets allow a moving one",
-        )
 
 
 MOST_PIECES = 64
@@ -110,7 +95,7 @@ def viability_conditions(system: System, region: Region) -> tuple[ViabilityCondi
     reads a quantity that the system lacks, an input does not appear affinely, or neither the
     first nor the second derivative contains an input (relative degree above 2).
     """
-    check_reads(system, region)
+    region.check_reads(system.name, system.state_names)
     values = {p.symbol: p.value for p in (*system.parameters, *region.parameters)}
     return tuple(
         _condition(system, inequality.name, piece)

@@ -26,7 +26,6 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, check_name, suggestion
-from holdfast.maths.control.barrier_conditions import check_still
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.region import Region
@@ -99,7 +98,7 @@ def redesign(
                     f"{what} for '{name}', which is not an inequality of region '{region.name}'",
                     remedy=suggestion(name, region.inequality_names),
                 )
-    check_still(region)
+    region.check_still()
     if (hold is None) != (hold_when is None):
         raise DefinitionError("'hold' and 'hold_when' are given together or not at all")
     if not isinstance(as_printed, bool):

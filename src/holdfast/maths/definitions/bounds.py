@@ -5,8 +5,7 @@ velocity in a `Ball`. So plants stay affine in every input.
 """
 
 from holdfast.maths.definitions.sets.ball import Ball
-from holdfast.maths.definitions.sets.base import Bounds, section
-from holdfast.maths.definitions.sets.box import Box
+from holdfast.maths.definitions.sets.base import Bounds, Box, section
 from holdfast.maths.definitions.sets.linear_image import AllocatedImage, LinearImage
 from holdfast.maths.definitions.sets.product import Product, product
 

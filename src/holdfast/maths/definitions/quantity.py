@@ -18,8 +18,8 @@ import sympy as sp
 
 from holdfast.arguments import InItsUnit, checked
 from holdfast.errors import DefinitionError, HoldfastError
-from holdfast.maths.expressions.canonical import FUNCTIONS, PROCESSES, canonical
-from holdfast.maths.expressions.traversal import parts
+from holdfast.maths.expressions.functions import FUNCTIONS, PROCESSES
+from holdfast.maths.expressions.traversal import canonical, parts
 from holdfast.maths.expressions.written import FUNCTIONS as COMPILED
 
 if TYPE_CHECKING:

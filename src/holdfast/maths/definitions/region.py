@@ -26,8 +26,8 @@ from holdfast.maths.definitions.quantity import (
     check_unique,
     merge_parameters,
 )
-from holdfast.maths.expressions.canonical import canonical
 from holdfast.maths.expressions.functions import greatest
+from holdfast.maths.expressions.traversal import canonical
 
 
 @dataclass(frozen=True)
@@ -134,6 +134,19 @@ class Region:
                 f"region '{self.name}' reads '{missing[0]}', which is not a state of system "
                 f"'{system}'",
                 expected="states among " + ", ".join(states),
+            )
+
+    def check_reads(self, system: str, states: Sequence[str]) -> None:
+        """Refuse it likewise, and where it depends on time."""
+        self.check_still()
+        self.check_states(system, states)
+
+    def check_still(self) -> None:
+        """Refuse it where it depends on time."""
+        if self.moves:
+            raise DefinitionError(
+                f"region '{self.name}' depends on time",
+                expected="a stationary region; only kernels and reachable sets allow a moving one",
             )
 
     @property

@@ -26,7 +26,7 @@ from holdfast.maths.definitions.quantity import (
     frozen,
     merge_parameters,
 )
-from holdfast.maths.expressions.canonical import canonical
+from holdfast.maths.expressions.traversal import canonical
 
 
 @checked

@@ -32,8 +32,7 @@ from holdfast.maths.definitions.quantity import (
     symbol,
 )
 from holdfast.maths.definitions.switching import Switching, Transition
-from holdfast.maths.expressions.canonical import canonical
-from holdfast.maths.expressions.traversal import derivatives
+from holdfast.maths.expressions.traversal import canonical, derivatives
 
 NODES = 16
 

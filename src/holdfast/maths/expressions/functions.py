@@ -1,8 +1,9 @@
 """Symbolic functions that SymPy lacks or defines differently from what control laws need.
 
 Each has the value, the derivative and the convention at its kink that the laws assume;
-`execution/codegen/lowering.py` has the steps of each of them. A derivative never differentiates
-through a jump: the sign and the number of turns are frozen, as a sampled controller holds them.
+`execution/codegen/lowering.py` has the steps of each of them. `FUNCTIONS` are those that a text may
+call, of SymPy too. A derivative never differentiates through a jump: the sign and the number of
+turns are frozen, as a sampled controller holds them.
 
 | function | value | derivative |
 |---|---|---|
@@ -20,7 +21,7 @@ through a jump: the sign and the number of turns are frozen, as a sampled contro
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import sympy as sp
@@ -272,3 +273,49 @@ class magnitude(RealFunction):
 def clip(x: sp.Expr, lower: sp.Expr, upper: sp.Expr) -> sp.Expr:
     """Saturation of x to [lower, upper]."""
     return least(greatest(x, lower), upper)
+
+
+_EPS = sp.Float(1e-12)
+
+
+def pairwise(function: Callable[..., sp.Expr]) -> Callable[..., sp.Expr]:
+    """Extend a function of two arguments to any number of them."""
+
+    def fold(first: sp.Expr, *rest: sp.Expr) -> sp.Expr:
+        for value in rest:
+            first = function(first, value)
+        return first
+
+    return fold
+
+
+PROCESSES = {p.__name__: p for p in Process.__subclasses__()}
+"""Stochastic processes, which a disturbance alone may have."""
+
+FUNCTIONS: dict[str, tuple[int, int, Callable[..., sp.Expr]]] = {
+    "sin": (1, 1, sp.sin),
+    "cos": (1, 1, sp.cos),
+    "tan": (1, 1, sp.tan),
+    "asin": (1, 1, sp.asin),
+    "acos": (1, 1, sp.acos),
+    "atan": (1, 1, sp.atan),
+    "sinh": (1, 1, sp.sinh),
+    "cosh": (1, 1, sp.cosh),
+    "tanh": (1, 1, sp.tanh),
+    "exp": (1, 1, sp.exp),
+    "log": (1, 1, sp.log),
+    "sqrt": (1, 1, sp.sqrt),
+    "abs": (1, 1, magnitude),
+    "sgn": (1, 1, sgn),
+    "wrap": (1, 1, wrap),
+    "atan2": (2, 2, lambda y, x: angle(y, x, _EPS)),
+    "hypot": (2, 2, lambda x, y: length(x, y, _EPS)),
+    "clip": (3, 3, clip),
+    "select": (3, 3, select),
+    "min": (2, 8, pairwise(least)),
+    "max": (2, 8, pairwise(greatest)),
+    **{name: (int(max(p.nargs)), int(max(p.nargs)), p) for name, p in PROCESSES.items()},
+}
+"""Name -> (fewest arguments, most arguments, the function).
+
+`diff(expression, name)`, the partial derivative, is handled apart."""

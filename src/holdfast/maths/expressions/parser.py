@@ -11,20 +11,20 @@ from __future__ import annotations
 import ast
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, suggestion
-from holdfast.maths.expressions.canonical import (
-    FORBIDDEN,
+from holdfast.maths.expressions.functions import (
     FUNCTIONS,
-    NUMERIC,
     PROCESSES,
+    greatest,
+    least,
     pairwise,
+    select,
 )
-from holdfast.maths.expressions.functions import greatest, least, select
 from holdfast.maths.expressions.traversal import syntax_tree
 
 MAX_LENGTH = 2000
@@ -32,6 +32,41 @@ MAX_DEPTH = 60
 MAX_EXPONENT = 64
 MAX_SIZE = 5000
 MAX_TREE_DEPTH = 150
+
+NUMERIC: dict[str, Callable[[float], float]] = {
+    name: getattr(math, name)
+    for name in [
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "sinh",
+        "cosh",
+        "tanh",
+        "exp",
+        "log",
+        "sqrt",
+    ]
+}
+"""Functions of numbers are folded in floating point: SymPy would try to be exact."""
+
+FORBIDDEN = {
+    ast.Attribute: "attribute access",
+    ast.Subscript: "indexing",
+    ast.Lambda: "a lambda",
+    ast.List: "a list",
+    ast.Tuple: "a tuple",
+    ast.Dict: "a dictionary",
+    ast.Set: "a set",
+    ast.ListComp: "a comprehension",
+    ast.GeneratorExp: "a comprehension",
+    ast.JoinedStr: "a string",
+    ast.Starred: "an unpacked argument",
+    ast.NamedExpr: "an assignment",
+    ast.Await: "await",
+}
 
 
 @checked

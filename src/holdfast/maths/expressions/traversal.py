@@ -1,6 +1,22 @@
-"""Traversal of expressions with repeated subexpressions: each is visited once.
+"""Expressions taken apart, differentiated, and brought to the functions that can be compiled.
 
-SymPy's own methods walk the tree, whose size may be a thousand times that of the expression.
+SymPy's own methods walk the tree, whose size may be a thousand times that of an expression with
+repeated parts: here each part is visited once.
+
+SymPy differentiates `Max` and `Min` to `Heaviside`, `sign` to `DiracDelta`, and `atan2` to 0/0 at
+the origin. A definition exchanges them once, where it takes an expression (`canonical`), so that
+whatever is derived from it has the derivatives of `functions.py`:
+
+| of SymPy | becomes |
+|---|---|
+| Abs, Max, Min | magnitude, greatest, least |
+| sign(x) | select(x, select(-x, 0, 1), -1): 0 at 0, with the derivative 0 |
+| Heaviside(x, h) | select(x, select(-x, h, 1), 0) |
+| Piecewise | select of the difference in each comparison |
+| atan2(y, x) | angle(y, x) |
+| cot, sec, csc, coth, sech, csch | the inverses of tan, cos, sin, tanh, cosh, sinh |
+
+An expression that jumps becomes cases that do not (`branches`).
 
 As text an expression has names, whole numbers, operators and functions: nothing is rounded. Texts
 of Python are parsed to syntax trees in any number of threads.
@@ -10,14 +26,25 @@ from __future__ import annotations
 
 import ast
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
 import sympy as sp
+from sympy.logic.boolalg import Boolean
 from sympy.printing.str import StrPrinter
 
-from holdfast.maths.expressions.functions import RealFunction
+from holdfast.errors import DefinitionError
+from holdfast.maths.expressions.functions import (
+    FUNCTIONS,
+    RealFunction,
+    greatest,
+    least,
+    magnitude,
+    pairwise,
+    select,
+    sgn,
+)
 
 
 def parts(expressions: Iterable[sp.Basic]) -> Iterator[sp.Basic]:
@@ -112,6 +139,156 @@ def _by_chain(e: sp.Expr, s: sp.Symbol, slopes: Sequence[sp.Expr]) -> sp.Expr:
         growth = slopes[1] * sp.log(base) if slopes[1] != 0 else sp.S.Zero
         return e * (growth + slopes[0] * exponent / base)
     return e.slope(slopes) if isinstance(e, RealFunction) else e.fdiff(1) * slopes[0]
+
+
+MOST_CASES = 256
+"""Cases of one group of expressions."""
+
+JUMPS = (select, sgn, sp.sign)
+
+Branch = tuple[tuple[sp.Expr, ...], list[sp.Expr]]
+"""Conditions that are all at most 0 there, and the expressions."""
+
+
+def branches(expressions: Sequence[sp.Expr]) -> list[Branch]:
+    """The expressions without `select`, `sgn` and `sign`: one case for each way these may go.
+
+    Somewhere on the border of two cases both have their conditions. Raises `DefinitionError` for
+    more than `MOST_CASES` cases.
+    """
+    waiting: list[Branch] = [((), list(expressions))]
+    finished: list[Branch] = []
+    while waiting:
+        if len(waiting) + len(finished) > MOST_CASES:
+            raise DefinitionError(
+                f"expressions with more than {MOST_CASES} cases of select and sgn"
+            )
+        conditions, now = waiting.pop()
+        at = _first_level(now)
+        if at is None:
+            finished.append((conditions, now))
+            continue
+        for sign, more in ((1, (-at,)), (-1, (at,)), (0, (at, -at))):
+            jumps = [p for p in parts(now) if isinstance(p, JUMPS) and p.args[0] == at]
+            if sign or any(isinstance(p, sp.sign) for p in jumps):
+                values = {p: _value(p, sign) for p in jumps}
+                waiting.append(((*conditions, *more), exchanged(now, values)))
+    return finished
+
+
+def _first_level(expressions: Sequence[sp.Expr]) -> sp.Expr | None:
+    """What a jump depends on, in which nothing jumps."""
+    for part in parts(expressions):
+        if isinstance(part, JUMPS) and not any(isinstance(p, JUMPS) for p in parts(part.args[:1])):
+            level: sp.Expr = part.args[0]
+            return level
+    return None
+
+
+def _value(jump: sp.Expr, sign: int) -> sp.Expr:
+    if isinstance(jump, select):
+        return jump.args[1] if sign >= 0 else jump.args[2]
+    if isinstance(jump, sgn):
+        return sp.Integer(1 if sign >= 0 else -1)
+    return sp.Integer(sign)
+
+
+def _sign(x: sp.Expr) -> sp.Expr:
+    return select(x, select(-x, 0, 1), -1)
+
+
+def _step(x: sp.Expr, half: sp.Expr) -> sp.Expr:
+    return select(x, select(-x, half, 1), 0)
+
+
+def _cases(*pairs: sp.Basic) -> sp.Expr:
+    """The value of the first pair (value, condition) whose condition holds."""
+    if sp.Or(*(condition for _, condition in pairs)) != sp.true:
+        raise DefinitionError(
+            f"Piecewise has no value where none of its conditions holds: {pairs[-1]}",
+            remedy="end it with (value, True)",
+        )
+    nested, _ = pairs[-1]
+    for value, condition in reversed(pairs[:-1]):
+        nested = _chosen(condition, value, nested)
+    return nested
+
+
+def _chosen(condition: Boolean, then: sp.Expr, other: sp.Expr) -> sp.Expr:
+    """`then` where the condition holds, `other` elsewhere."""
+    if condition in (sp.true, sp.false):
+        return then if condition == sp.true else other
+    if isinstance(condition, sp.Not):
+        return _chosen(condition.args[0], other, then)
+    if isinstance(condition, sp.And):
+        for part in condition.args:
+            then = _chosen(part, then, other)
+        return then
+    if isinstance(condition, sp.Or):
+        for part in condition.args:
+            other = _chosen(part, then, other)
+        return other
+    if isinstance(condition, sp.Rel):
+        difference = condition.lhs - condition.rhs
+        match condition:
+            case sp.Ge():
+                return select(difference, then, other)
+            case sp.Le():
+                return select(-difference, then, other)
+            case sp.Gt():
+                return select(-difference, other, then)
+            case sp.Lt():
+                return select(difference, other, then)
+            case sp.Eq():
+                return select(difference, select(-difference, then, other), other)
+            case sp.Ne():
+                return select(difference, select(-difference, other, then), then)
+    raise DefinitionError(
+        f"the condition {condition} of Piecewise cannot be compiled",
+        expected="comparisons, joined by And, Or and Not",
+    )
+
+
+OWN: Mapping[type, Callable[..., sp.Expr]] = {
+    sp.Abs: magnitude,
+    sp.Max: pairwise(greatest),
+    sp.Min: pairwise(least),
+    sp.sign: _sign,
+    sp.Heaviside: _step,
+    sp.Piecewise: _cases,
+    sp.atan2: FUNCTIONS["atan2"][2],
+    sp.cot: lambda x: 1 / sp.tan(x),
+    sp.sec: lambda x: 1 / sp.cos(x),
+    sp.csc: lambda x: 1 / sp.sin(x),
+    sp.coth: lambda x: 1 / sp.tanh(x),
+    sp.sech: lambda x: 1 / sp.cosh(x),
+    sp.csch: lambda x: 1 / sp.sinh(x),
+}
+"""Function of SymPy -> the same of the project's own, from its arguments."""
+
+
+def canonical(expression: Any) -> sp.Expr:
+    """The expression with the project's own functions in place of those of SymPy in `OWN`.
+
+    Raises `DefinitionError` for a Piecewise that has no value somewhere, or whose conditions are
+    no comparisons.
+    """
+    e = sp.sympify(expression)
+    if not isinstance(e, sp.Basic) or not any(type(p) in OWN for p in parts([e])):
+        return e
+    memo: dict[sp.Basic, sp.Basic] = {}
+
+    def converted(part: sp.Basic) -> sp.Basic:
+        if part not in memo:
+            arguments = [converted(a) for a in part.args]
+            if type(part) in OWN:
+                memo[part] = sp.sympify(OWN[type(part)](*arguments))
+            else:
+                same = all(a is b for a, b in zip(arguments, part.args, strict=True))
+                memo[part] = part if same else part.func(*arguments)
+        return memo[part]
+
+    return converted(e)
 
 
 def plain_text(e: sp.Expr) -> str:

@@ -25,7 +25,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.execution.arrays import Array
-from holdfast.execution.simulation.outcomes import SafeguardAnswer
+from holdfast.execution.simulation.settings import SafeguardAnswer
 from holdfast.presentation.figures import style
 
 

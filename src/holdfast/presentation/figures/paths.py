@@ -21,7 +21,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, check_name
 from holdfast.execution.arrays import Array
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Cone, Footprint, Segment
 from holdfast.maths.expressions.numeric import Values, evaluated, parameter_values

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
 
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 from holdfast.host.files import atomic_file
 from holdfast.maths.definitions.region import Circle, Segment, Shape
 from holdfast.maths.expressions.numeric import evaluated, parameter_values

@@ -15,7 +15,7 @@ from matplotlib.colors import to_rgb
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.simulation.result import Result
 from holdfast.execution.arrays import Array
-from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Outcome
 from holdfast.maths.definitions.region import Circle, Segment
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.planning.obstacles import kept_points

@@ -18,7 +18,7 @@ from PIL import Image
 from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
 from holdfast._version import __version__
-from holdfast.execution.simulation.outcomes import OUTCOMES, Outcome
+from holdfast.execution.simulation.settings import OUTCOMES, Outcome
 from holdfast.presentation.figures import style
 
 WIDTH, QUALITY = 1100, 82

@@ -19,9 +19,8 @@ from holdfast._version import __version__
 from holdfast.analysis.load import load
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import HoldfastError
-from holdfast.execution.cache import code_digest
 from holdfast.execution.resources import Progress
-from holdfast.host.files import atomic_file, make_folder, write_text
+from holdfast.host.files import atomic_file, code_digest, make_folder, write_text
 from holdfast.presentation.html.interactive import INK
 from holdfast.presentation.html.page import picture, plotly_script, rendered
 from holdfast.scenario.files import files_digest, read_text

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.errors import HoldfastError, ScenarioError
-from holdfast.execution.cache import code_digest
-from holdfast.host.files import make_folder, write_text
+from holdfast.host.files import code_digest, make_folder, write_text
 from holdfast.scenario.files import files_digest
 from holdfast.scenario.schema.claims import ChapterSpec, ClaimSpec, TrialSpec
 from holdfast.scenario.schema.values import at, validated

@@ -1,24 +1,30 @@
-"""The catalogue of laws: one verb, one file; membership in `ALL` enrols it in the tests."""
+"""The catalogue of laws: a verb each; membership in `ALL` enrols it in the tests."""
 
-from holdfast.maths.catalogue.laws.dock_marine import dock_marine, project_marine
-from holdfast.maths.catalogue.laws.face_target import face_target
+from holdfast.maths.catalogue.laws.driftless import (
+    align_unicycle,
+    follow_integrator,
+    steer_by_chained_form,
+    steer_chained,
+    steer_integrator,
+    steer_unicycle,
+)
 from holdfast.maths.catalogue.laws.follow_field import follow_field
 from holdfast.maths.catalogue.laws.follow_leader import (
     approach_leader,
     follow_leader,
     keep_footprint,
 )
-from holdfast.maths.catalogue.laws.hold_pose import hold_pose
 from holdfast.maths.catalogue.laws.hold_station import hold_station, hold_station_unknown
-from holdfast.maths.catalogue.laws.inspect_target import inspect_target
 from holdfast.maths.catalogue.laws.keep_range import back_off, move_ahead
-from holdfast.maths.catalogue.laws.rest_in_current import rest_in_current
-from holdfast.maths.catalogue.laws.steer_by_chained_form import steer_by_chained_form
-from holdfast.maths.catalogue.laws.steer_chained import steer_chained
-from holdfast.maths.catalogue.laws.steer_integrator import follow_integrator, steer_integrator
-from holdfast.maths.catalogue.laws.steer_marine import steer_marine
-from holdfast.maths.catalogue.laws.steer_unicycle import align_unicycle, steer_unicycle
-from holdfast.maths.catalogue.laws.weathervane import weathervane
+from holdfast.maths.catalogue.laws.legs_in_view import inspect_target, rest_in_current
+from holdfast.maths.catalogue.laws.marine_craft import (
+    dock_marine,
+    face_target,
+    hold_pose,
+    project_marine,
+    steer_marine,
+    weathervane,
+)
 
 ALL = (
     steer_marine,

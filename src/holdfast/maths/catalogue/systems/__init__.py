@@ -1,16 +1,18 @@
-"""The catalogue of systems: one noun, one file; membership in `ALL` enrols it in the tests."""
+"""The catalogue of systems: a noun each; membership in `ALL` enrols it in the tests."""
 
 from holdfast.maths.catalogue.systems.car import car, front_axle_car
 from holdfast.maths.catalogue.systems.chain import chain
-from holdfast.maths.catalogue.systems.chained_form import chained_form
 from holdfast.maths.catalogue.systems.drifting_unicycle import drifting_unicycle
+from holdfast.maths.catalogue.systems.driftless import (
+    chained_form,
+    nonholonomic_integrator,
+    unicycle,
+)
 from holdfast.maths.catalogue.systems.leader_follower import leader_follower
 from holdfast.maths.catalogue.systems.marine_craft import marine_craft
 from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle
-from holdfast.maths.catalogue.systems.nonholonomic_integrator import nonholonomic_integrator
 from holdfast.maths.catalogue.systems.slipping_unicycle import slipping_unicycle
 from holdfast.maths.catalogue.systems.tractor_trailer import tractor_trailer
-from holdfast.maths.catalogue.systems.unicycle import unicycle
 
 ALL = (
     marine_vehicle,

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import sympy as sp
 
+from holdfast.maths.catalogue.systems.driftless import unicycle
 from holdfast.maths.catalogue.systems.leader_follower import sight
-from holdfast.maths.catalogue.systems.unicycle import unicycle
 from holdfast.maths.definitions.compose_systems import renamed, side_by_side
 from holdfast.maths.definitions.quantity import symbol, whole_number
 from holdfast.maths.definitions.system import Measurement, System

@@ -7,7 +7,7 @@ from dataclasses import replace
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.maths.catalogue.systems.unicycle import unicycle
+from holdfast.maths.catalogue.systems.driftless import unicycle
 from holdfast.maths.definitions.compose_systems import renamed, seen_from
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.system import Measurement, System

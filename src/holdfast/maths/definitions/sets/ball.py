@@ -13,13 +13,13 @@ from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.sets.base import (
     WITHIN,
     Bounds,
+    Box,
     Reach,
     Row,
     check_count,
     cube_surface,
     entries,
 )
-from holdfast.maths.definitions.sets.box import Box
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select
 from holdfast.maths.expressions.traversal import at_numbers
 

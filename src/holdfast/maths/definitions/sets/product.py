@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.maths.definitions.sets.base import Bounds, Reach, Row, V, section
-from holdfast.maths.definitions.sets.box import Box
+from holdfast.maths.definitions.sets.base import Bounds, Box, Reach, Row, V, section
 
 
 @checked
