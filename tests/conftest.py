@@ -24,17 +24,17 @@ gc.set_threshold(50_000)  # expressions and the compiler keep most of what they 
 LEFT_OUT = pytest.StashKey[set[str]]()
 """The ids of the tests that the fast run leaves out, of the files that were collected."""
 NO_CASE = pytest.StashKey[set[str]]()
-"""Cases that `few` names and that no test has, where all cases were collected."""
+"""Cases that `few` or `slow` names and that no test has, where all cases were collected."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
     missing = {}
     for item in items:
-        if few := item.get_closest_marker("few"):
+        for mark in [m for m in item.iter_markers() if m.name in ("few", "slow")]:
             test, case = item.nodeid.removesuffix("]").split("[", 1)
-            missing.setdefault(test, set(few.args)).discard(case)
-            if case not in few.args:
+            missing.setdefault(test, set(mark.args)).discard(case)
+            if (case in mark.args) == (mark.name == "slow"):
                 item.add_marker("heavy")
     config.stash[NO_CASE] = {f"{test}[{case}]" for test, cases in missing.items() for case in cases}
     config.stash[LEFT_OUT] = {

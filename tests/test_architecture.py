@@ -146,6 +146,7 @@ MOST_FILES = {"viability_kernel": 28, "simulate": 30, "explain": 25, "certify": 
 """Files of which one call enters a function: who follows the call reads as many."""
 
 
+@pytest.mark.heavy
 def test_one_call_goes_through_few_files():
     roads = [sys.executable, TESTS.parent / "benchmarks" / "roads.py"]
     ended = subprocess.run(roads, capture_output=True, text=True, check=True)

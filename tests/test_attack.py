@@ -98,6 +98,7 @@ def test_brackets_lie_within_a_cell_of_a_grid_of_the_exact_set():
     assert decided[surely_in | surely_out].mean() > 0.97
 
 
+@pytest.mark.heavy
 def test_a_set_that_is_empty_though_it_falls_slowly_is_called_lost():
     """x' = 1 - 1.3 m, y' = -.3 + .35 m: .23 x + y falls by .019 a second at least, whatever m is."""
     p = problem_in(
@@ -203,6 +204,7 @@ class Claimed:
         return self._v
 
 
+@pytest.mark.slow("0.0-None")
 @pytest.mark.parametrize(
     ("shift", "what"), [(0.0, None), (0.45, "kept but lost"), (-0.5, "lost but kept")]
 )
@@ -240,6 +242,7 @@ def test_a_set_behind_a_pocket_that_no_cell_has_is_not_asked_for():
     assert not brackets(p, horizon=30.0, narrower=p.cells).all_inner(behind, behind)[0]
 
 
+@pytest.mark.few("416-eno3")
 @pytest.mark.parametrize(
     ("number", "scheme"),
     [
@@ -261,6 +264,7 @@ def test_intervals_that_hold_too_seldom_are_seen():
     assert identification.conclude([(0, "a", k % 6 != 0) for k in range(400)])
 
 
+@pytest.mark.heavy
 def test_a_fault_is_made_smaller_and_its_file_runs_alone(tmp_path):
     least = writing.shrunk(
         list(range(40)), lambda v: (v[:k] + v[k + 1 :] for k in range(len(v))), lambda v: 7 in v
@@ -317,6 +321,7 @@ def test_page_has_the_table_of_the_counts_that_are_kept():
     assert page[begin : begin + len(rows)] == rows
 
 
+@pytest.mark.heavy
 def test_a_case_that_takes_too_long_is_a_fault_and_its_process_is_replaced():
     worker = engine.Worker()
     try:
@@ -352,6 +357,7 @@ FIRST_MINUTE = {
 """Cases of seed 1, of which every fast run tries one in four."""
 
 
+@pytest.mark.few("forged certificates-4")
 @pytest.mark.parametrize("share", [4, pytest.param(1, marks=pytest.mark.heavy)])
 @pytest.mark.parametrize("kind", FIRST_MINUTE, ids=lambda k: k.name)
 def test_no_claim_falls_in_the_first_minute_of_attacks(kind, share):

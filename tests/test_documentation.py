@@ -87,6 +87,18 @@ SAID = {"certificates": 5, "craft": 2, "formations": 9, "own_controller": 11, "s
 """Numbers that pages say their examples print; another page with some is to be entered here."""
 
 
+@pytest.mark.slow(
+    "autopilots",
+    "campaigns",
+    "certificates",
+    "decomposition",
+    "identify",
+    "interop",
+    "kernels",
+    "own_controller",
+    "results",
+    "ros2",
+)
 @pytest.mark.parametrize("page", DOCS, ids=lambda p: p.stem)
 def test_examples_in_the_documentation_run_and_print_what_is_said(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -271,6 +283,7 @@ LONG = {
 """Pages whose commands take long, with few runs and nodes too."""
 
 
+@pytest.mark.few("gpu", "large_kernels")
 @pytest.mark.parametrize(
     "page",
     [

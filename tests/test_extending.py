@@ -536,6 +536,7 @@ def test_page_names_as_many_files_as_it_takes(row):
     assert line.rstrip("| ").endswith(f"| {len(ADDED[row])}")
 
 
+@pytest.mark.heavy
 def test_scheme_set_vehicle_constraint_actuator_and_enclosure_are_used(package):
     devices = ["cpu", *(["c++"] if any(map(shutil.which, COMPILERS)) else [])]
     done = called(package, "-c", USED, *devices)
@@ -591,6 +592,7 @@ def test_option_of_a_march_is_a_key_with_its_unit(package):
     assert "march.patience: the unit 'm' does not fit" in done.stdout
 
 
+@pytest.mark.heavy
 def test_system_and_experiment_are_used(package):
     listed = called(package, "-m", "holdfast", "list").stdout
     assert re.search(r"^system +drifter +a drifter$", listed, re.M)
@@ -600,6 +602,7 @@ def test_system_and_experiment_are_used(package):
     assert json.loads((package / "home" / "summary.json").read_text())["success_fraction"] == 1.0
 
 
+@pytest.mark.heavy
 def test_command_kind_and_figure_are_used(package):
     done = called(package, "-m", "holdfast", "count-words", "one two three")
     assert (done.returncode, done.stdout) == (0, "3 words\n")

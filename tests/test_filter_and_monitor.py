@@ -84,6 +84,7 @@ def test_controller_plant_filter_and_monitor_are_a_pipe(mine):
     assert len(messages("seen.mcap", "/holdfast/intervention")) == len(ended)
 
 
+@pytest.mark.heavy
 def test_filter_answers_a_bad_line_with_the_fallback_and_says_so_at_the_end(mine):
     lines = [sample(START), "nonsense\n", '{"state": {}}\n', sample(START)]
     (mine / "in.jsonl").write_text("".join(lines))
@@ -96,6 +97,7 @@ def test_filter_answers_a_bad_line_with_the_fallback_and_says_so_at_the_end(mine
     assert "4 samples: 2 changed, 0 infeasible, 0 lost, 2 not a number" in answer.stderr
 
 
+@pytest.mark.heavy
 def test_filter_refuses_what_it_cannot_begin_with(mine):
     (mine / "in.jsonl").write_text('{"x": 1}\n')
     for words, said in (
@@ -136,6 +138,7 @@ def begun(watch, count):
     assert b"changed u" in watch.stdout.readline()
 
 
+@pytest.mark.slow("2-130")
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_monitor_that_is_stopped_closes_its_files(number, status, tmp_path):
     pytest.importorskip("mcap")
@@ -266,6 +269,7 @@ def test_foot_of_a_terminal_stays_below_what_is_said(monkeypatch):
     assert rows == ["one", "two", "three"]
 
 
+@pytest.mark.few("200")
 @pytest.mark.parametrize("width", [40, 60, 80, 200])
 def test_live_view_fits_the_terminal(width):
     vehicle, keep = camera_filter()
@@ -317,6 +321,7 @@ def told_to_end(keep, number):
     return err.decode()
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_filter_is_a_component_of_mavlink_until_it_is_told_to_end(mine, number):
     pytest.importorskip("pymavlink")
@@ -344,6 +349,7 @@ def test_filter_is_a_component_of_mavlink_until_it_is_told_to_end(mine, number):
     assert "samples" in said
 
 
+@pytest.mark.heavy
 def test_filter_is_a_node_of_ros2_until_it_is_told_to_end(mine):
     pytest.importorskip("zenoh")
     from holdfast.interop.ros2 import Network, VehicleNode, router
@@ -383,6 +389,7 @@ def test_filter_has_one_connection(mine):
     assert "give one" in found.stderr
 
 
+@pytest.mark.heavy
 def test_filter_whose_decisions_nobody_reads_ends_all_the_same(mine):
     """A monitor that is stopped: the pipe is full after a while, and nothing waits for it."""
     pytest.importorskip("pymavlink")

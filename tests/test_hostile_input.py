@@ -163,6 +163,7 @@ BAD_VALUES = [
 ]
 
 
+@pytest.mark.slow("11", "20", "21", "23", "25")
 @pytest.mark.parametrize(("name", "change", "complaint"), BAD_VALUES, ids=range(len(BAD_VALUES)))
 def test_odd_value_is_refused_and_names_its_key(name, change, complaint):
     with pytest.raises(HoldfastError) as caught:
@@ -195,6 +196,7 @@ NAMES = {n: hf.symbol(n) for n in ("x", "y", "psi", "k1", "t")}
 PATIENT = settings(suppress_health_check=list(HealthCheck), derandomize=True)
 
 
+@pytest.mark.heavy
 @settings(PATIENT, max_examples=1500)
 @given(st.lists(st.one_of(st.sampled_from(WORDS), st.text(max_size=3)), max_size=60), st.booleans())
 def test_any_text_is_an_expression_or_refused(words, condition):
@@ -214,6 +216,7 @@ def test_text_that_python_warns_of_is_refused_without_a_warning(text):
         parse_expression(text, NAMES)
 
 
+@pytest.mark.heavy
 @settings(PATIENT, max_examples=400)
 @given(st.integers(0, 2), st.data())
 def test_any_file_is_a_scenario_or_refused(which, data):

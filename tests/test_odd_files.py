@@ -93,6 +93,7 @@ def test_memory_that_is_not_there_is_one_line(monkeypatch, capsys):
     assert "not enough memory: Unable to allocate 5.96 GiB for an array; take a longer" in said
 
 
+@pytest.mark.slow("inspection")
 @pytest.mark.parametrize("name", ["inspection", "ch7-discriminating"])
 def test_a_billion_starts_are_refused_with_the_memory_they_take(name):
     scenario = load_scenario(name, runs=10**9)
@@ -111,6 +112,7 @@ def test_scenario_may_come_from_any_editor(ending, mark, tmp_path):
 # -- standard output
 
 
+@pytest.mark.few("command2")
 @posix
 @pytest.mark.parametrize(
     "command", [["list"], ["show", "unicycle"], ["--help"], ["explain", "unicycle"]]
@@ -129,6 +131,7 @@ def test_output_on_a_full_disk_is_told_with_status_1(command):
     )
 
 
+@pytest.mark.heavy
 @posix
 def test_results_are_written_though_the_summary_cannot_be(tmp_path):
     with open("/dev/full", "w") as full:
@@ -141,6 +144,7 @@ def test_results_are_written_though_the_summary_cannot_be(tmp_path):
     assert json.loads((tmp_path / "summary.json").read_text())["runs"] == 4
 
 
+@pytest.mark.few("0")
 @posix
 @pytest.mark.parametrize("status", [0, 1])
 def test_reader_that_has_read_enough_does_not_change_the_status(status, tmp_path):
@@ -158,6 +162,7 @@ def test_reader_that_has_read_enough_does_not_change_the_status(status, tmp_path
     assert "Broken" not in errors
 
 
+@pytest.mark.few("<&- >&- 2>&-")
 @posix
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
 def test_streams_may_be_closed(closed, tmp_path):

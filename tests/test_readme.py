@@ -18,6 +18,7 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text("utf-8")
 
 
+@pytest.mark.heavy
 def test_thirteen_lines_of_python_do_what_the_main_command_does():
     code, _ = re.findall(r"```python\n(.*?)```", README, re.S)
     assert len(code.strip().splitlines()) == 13

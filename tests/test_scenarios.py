@@ -44,6 +44,22 @@ LEAVING = {
 """Scenarios that show how a region is left."""
 
 
+@pytest.mark.slow(
+    "berth-filter",
+    "ch3-dynamic",
+    "ch4-car",
+    "ch5-any-current",
+    "ch5-current",
+    "ch5-rescue",
+    "craft-berth",
+    "ferry-quay",
+    "inspection",
+    "inspection-eddy",
+    "inspection-swift-current",
+    "inspection-tide",
+    "otter-current",
+    "trailer-off-axle",
+)
 @pytest.mark.parametrize("name", CLOSED_LOOPS)
 def test_every_closed_loop_says_what_it_is_runs_and_keeps_its_constraints(name):
     """For ten seconds, from its first six starts, up to its own tolerance."""
@@ -344,6 +360,7 @@ def test_key_with_nothing_after_the_sign_is_taken_away():
     assert (values["k2"], values["k3"]) == (7.5, 27.25)
 
 
+@pytest.mark.heavy
 def test_safeguard_keeps_constraints_of_its_own_beside_those_of_the_region():
     """Four thruster limits, four constraints of the view, and |psi| <= 1.01 as its two pieces.
 
@@ -360,6 +377,12 @@ def test_safeguard_keeps_constraints_of_its_own_beside_those_of_the_region():
     assert np.abs(data["state"].sel(state_name="psi").values[3:]).max() < 1.06
 
 
+@pytest.mark.slow(
+    "inspection-changes4-let the inputs track them",
+    "inspection-changes5-observer: 'z' is not a state",
+    "inspection-changes6-bandwidth is 0.0",
+    "inspection-changes7-delay a whole multiple of sample_time",
+)
 @pytest.mark.parametrize(
     ("name", "changes", "complaint"),
     [

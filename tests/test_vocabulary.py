@@ -330,6 +330,7 @@ def test_options_of_every_public_function_are_typed():
     assert free == set(FREE)
 
 
+@pytest.mark.heavy
 def test_a_misspelt_option_is_refused_by_a_type_checker(tmp_path):
     mypy = pytest.importorskip("mypy.api")
     typed = sorted({name for name, _ in with_options()} - set(FREE))

@@ -202,7 +202,7 @@ def random_episodes(env, episodes, seed=0):
             yield seen, reward, info
 
 
-@pytest.mark.few("False")
+@pytest.mark.slow("True")
 @pytest.mark.parametrize("filtered", [False, True])
 def test_random_agent_loses_the_view_in_every_episode_and_behind_the_filter_in_none(filtered):
     pytest.importorskip("gymnasium")

@@ -134,6 +134,7 @@ def test_a_part_has_the_threads_of_its_worker_or_those_asked_for(asked, has, mon
     assert made == [has]
 
 
+@pytest.mark.heavy
 def test_workers_with_too_little_memory_or_another_version_are_refused(cluster, monkeypatch):
     with march_cluster(cluster.scheduler_address) as workers:
         monkeypatch.setattr(module, "part_memory", lambda posed, part: 10**13)

@@ -43,16 +43,7 @@ def cells_too_large(scheme, dissipation, nodes):
     return (first_kept() - first) / grid.axes[0].step
 
 
-@pytest.mark.few(
-    "global-0.9-101",
-    "global-0.9-201",
-    "local-0.9-101",
-    "local-0.9-201",
-    "local-local-1.0-51",
-    "local-local-1.0-101",
-    "local-local-1.0-201",
-    "local-local-1.0-401",
-)
+@pytest.mark.slow("global-0.9-51", "global-0.9-401", "local-0.9-51", "local-0.9-401")
 @pytest.mark.parametrize("nodes", [51, 101, 201, 401])
 @pytest.mark.parametrize(
     ("dissipation", "cells"), [("global", 0.9), ("local", 0.9), ("local-local", 1.0)]

@@ -98,7 +98,7 @@ def test_blended_field_is_right_on_all_faces_of_random_convex_cells():
     assert right == {"printed": 0, "shifted": 56, "blended": 60}
 
 
-@pytest.mark.few("corridor")
+@pytest.mark.slow("ring")
 @pytest.mark.parametrize("cells", [CORNER, ring()], ids=["corridor", "ring"])
 def test_every_line_of_the_fields_leads_from_cell_to_cell_to_the_goal(cells):
     start, goal = ((-3, 0), (0.6, -4.5)) if cells is CORNER else ((3.3, 0.5), (-3.0, 1.2))

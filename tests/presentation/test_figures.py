@@ -196,6 +196,7 @@ def test_figures_are_written_as_png_and_svg(result, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == names
 
 
+@pytest.mark.slow("inspection")
 def test_a_run_that_does_not_exist_cannot_be_drawn(result):
     with pytest.raises(OutputError, match="expected 0 to 11"):
         hf.histories_figure(result, 12)

@@ -672,30 +672,7 @@ def test_nonsense_is_refused_by_functions(name, some):
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.few(
-    "Ball",
-    "Box",
-    "Boundary",
-    "GainCondition",
-    "Controller",
-    "Inequality",
-    "Law",
-    "Antiderivative",
-    "FlatOutput",
-    "LinearImage",
-    "Measurement",
-    "Memory",
-    "Parameter",
-    "PfaffianRow",
-    "Product",
-    "Quantity",
-    "Region",
-    "Starts",
-    "Switching",
-    "System",
-    "Transition",
-    "Varied",
-)
+@pytest.mark.slow("Field", "CertifiedFilter", "Plant", "Relay", "SafetyFilter")
 @pytest.mark.parametrize("name", CLASSES)
 def test_nonsense_is_refused_by_definitions(name):
     wrong = attempts(getattr(hf, name), CLASSES[name]())
@@ -745,6 +722,7 @@ def test_nonsense_is_refused_by_the_catalogue(name, some):
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.slow("Relay.measured", "ValueFunction.slice", "Campaign.variable", "Comparison.of")
 @pytest.mark.parametrize("name", METHODS)
 def test_nonsense_is_refused_by_methods(name):
     of, base = METHODS[name]()

@@ -75,34 +75,28 @@ def test_every_entry_is_described_with_its_source(entry):
         assert parameter.unit
 
 
-@pytest.mark.few(
-    "marine_vehicle",
-    "unicycle",
-    "drifting_unicycle",
-    "slipping_unicycle",
-    "nonholonomic_integrator",
-    "chained_form",
-    "car",
-    "front_axle_car",
-    "tractor_trailer",
-    "chain",
-    "marine_craft",
-    "face_target",
-    "back_off",
-    "move_ahead",
-    "follow_integrator",
-    "project_marine",
-    "approach_leader",
-    "follow_leader",
-    "keep_footprint",
-    "camera_and_lasers",
-    "camera_view",
-    "inspection_goal",
-    "leader_in_footprint",
-    "leader_in_view",
-    "near_origin",
-    "near_pose",
-    "steering_angle",
+@pytest.mark.slow(
+    "leader_follower",
+    "steer_marine",
+    "steer_unicycle",
+    "align_unicycle",
+    "steer_integrator",
+    "steer_chained",
+    "steer_by_chained_form",
+    "follow_field",
+    "dock_marine",
+    "hold_station",
+    "hold_station_unknown",
+    "weathervane",
+    "inspect_target",
+    "rest_in_current",
+    "hold_pose",
+    "hitch_angles",
+    "dipolar",
+    "dipole_like",
+    "dipole_in_current",
+    "electric_dipole",
+    "charge_pair",
 )
 @pytest.mark.parametrize(
     "function",
@@ -246,7 +240,7 @@ def test_kinetic_energy_of_a_hull_never_grows_without_thrust(system):
         assert power <= 1e-12
 
 
-@pytest.mark.few("dipolar", "dipole_like", "electric_dipole")
+@pytest.mark.slow("dipole_in_current", "charge_pair")
 @pytest.mark.parametrize("field", FIELDS, ids=named)
 def test_index_of_every_field_by_its_sectors_is_the_one_counted_on_a_circle(field):
     """Bendixson's 1 + (e - h) / 2 against the turns of F; in N > 2 in a plane through p."""

@@ -38,7 +38,7 @@ def test_every_craft_is_promised():
     assert set(POSE) == {n for n in CRAFT if not hf.load_vehicle(n).pfaffian}
 
 
-@pytest.mark.few("bluerov2_planar", "cybership_ii_full", "milliampere", "supply_vessel")
+@pytest.mark.slow("otter", "remus_100", "remus_100_rudder")
 @pytest.mark.parametrize("name", CRAFT)
 def test_craft_without_a_sway_force_is_explained_and_one_with_it_is_no_nonholonomic_system(name):
     craft = hf.load_vehicle(name)
@@ -204,7 +204,7 @@ def test_ferry_passes_the_moored_boat_that_its_law_alone_touches():
     assert alone.viable == 81
 
 
-@pytest.mark.few("remus_100-gains1-0")
+@pytest.mark.slow("otter-gains0-19")
 @pytest.mark.parametrize(
     ("name", "gains", "arrived"), [("otter", (5.0, 10.0), 19), ("remus_100", (2.0, 6.0), 0)]
 )

@@ -148,25 +148,23 @@ def test_robot_behind_a_wall_is_not_seen(corridor):
     assert found["sight1"] == pytest.approx(0.211, abs=2e-3)
 
 
-@pytest.mark.few(
-    "environment.robot_radius=0.9-cell 'west' is narrower than a robot",
-    "environment.robot_radius=-1-robot_radius is -1",
-    "environment.cells.south=[[-1, -5], [1.4, -5], [1.4, 0.8], [-1, 0.8]]-overlap by",
-    "environment.cells.south=[[0, 0], [1, 0]]-cell 'south' has 2 vertices",
-    "environment.geojson='rooms.geojson'-give either cells or geojson",
-    "leader.goal=[5, 5]-the goal (5, 5) is outside the free space",
-    "leader.goal=[5]-leader.goal",
-    "leader.start={x = -9, y = 0, theta = 0}-the leader starts at (-9, 0), outside",
-    "leader.start={x = 1, y = 0}-leader.start: 'theta' is missing",
-    "leader.start={x = 0.6, y = -3, theta = 0}-start in different cells",
-    "figures.plane=['xL', 'yL']-figures.plane: unknown key",
-    "leader.colour='red'-leader.colour: unknown key",
-    "followers.starts=[]-followers.starts",
-    "followers.starts=[{x = -5.9, y = 0, theta = 0}]-follower 1 starts at",
-    "followers.law.distance=0.3-two robots of radius 0.2 m touch",
-    "followers.law={name = 'steer_unicycle'}-not made for system 'leader_follower'",
-    "followers.leader_speeds=[0.2, 0.3]-2 numbers for 1 followers",
-    "scenario.kind='formatoin'-formation",
+@pytest.mark.slow(
+    "leader.goal=['1 s', 0]-leader.goal",
+    "followers.starts=[{x = -4.4, y = 0, theta = 2}]-message11",
+    "followers.starts=[{x = -5.5, y = 0, theta = 0}]-it has it 2.9 m ahead, and sees 2.05 m far",
+    "followers.starts=[{x = -2.8, y = 0.2, theta = 0.4}]-robots L and 1 start 0.224 m from each other",
+    "leader.speed=0-leader.speed: 0",
+    "leader.speed=0.3-leader.speed: 0.3 m/s, its follower assumes leader_speed = 0.25 m/s",
+    "followers.within=-0.1-followers.within",
+    "followers.leader_speeds=[-1]-followers.leader_speeds.0",
+    "leader.exponent=0.5-lam",
+    "leader.radius=0.3-around the corner from cell 'west' to cell 'south' at (0, 0)",
+    "followers.law.distance=2.2-the view ends 2.048 m ahead",
+    "followers.law={name = 'keep_footprint'}-followers.law: law 'keep_footprint' is not for a chain",
+    "followers.law={outputs = {uF = '1', wF = 'x'}, parameters = {distance = 1}}-reads 'x', which no",
+    "change29-two robots of radius 0.2 m touch",
+    "followers.law={outputs = {uF = '1', wF = '1'}}-does not follow a leader at a distance",
+    "camera.half_angle=2-half_angle is 2 rad",
 )
 @pytest.mark.parametrize(
     ("change", "message"),

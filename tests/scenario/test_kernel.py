@@ -63,6 +63,7 @@ def test_set_that_lasts_and_has_not_converged_is_no_answer(cart, tmp_path):
     assert "did not converge within 0.5 s" in done.stderr
 
 
+@pytest.mark.heavy
 def test_law_of_a_file_is_kept_safe_and_runs_and_seed_are_those_of_the_promise(cart):
     more = ["law.outputs.a=1", "law.name=push"]
     loaded = load_scenario(cart, more, runs=50, seed=3)

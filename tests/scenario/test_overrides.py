@@ -14,6 +14,7 @@ def test_typed_interval_refuses_the_thrust_that_it_does_not_depend_on():
         hf.load_scenario("ch7-hold-goal", ["system.thrust_limit=1"])
 
 
+@pytest.mark.slow("5")
 @pytest.mark.parametrize("limit", ["1", "5", '"1 N"'])
 def test_steady_interval_follows_the_thrust(limit):
     """The value of the vehicle itself is an override too, and not refused."""

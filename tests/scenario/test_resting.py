@@ -31,6 +31,7 @@ def test_thrust_that_a_current_exceeds_is_the_reason():
     assert "exceed their bounds" in no_rest(load_scenario("inspection-current", changes))
 
 
+@pytest.mark.heavy
 def test_law_stays_in_view_where_no_place_can_be_held_and_the_summary_says_why(tmp_path):
     changes = ["--set", ALONG.format(90), "--set", "run.horizon=20", "--runs", "8", "--no-figures"]
     answer = called("run", "inspection-current", *changes, "--out", str(tmp_path))

@@ -35,6 +35,7 @@ PLANE = (
 )  # fmt: skip
 
 
+@pytest.mark.heavy
 def test_camera_in_the_plane_closes_for_no_cell():
     found = certified("ch7-discriminating", PLANE, cells=31)
     assert found.cells.counts == (31, 31, 31)
@@ -74,6 +75,7 @@ def test_command_halves_cells_and_says_so(tmp_path):
     assert "with 99.9 % confidence" in check(str(tmp_path / "certificate.holdfast"), share=0.2)
 
 
+@pytest.mark.heavy
 def test_command_says_where_nothing_is_certified(tmp_path):
     answer = called(
         "certify", "seen-target", "--cells", "15", "--no-figures",
@@ -105,6 +107,7 @@ def test_reach_is_no_kernel():
     assert tomllib.loads(read_tables("seen-target")[1])["scenario"]["kind"].endswith("kernel")
 
 
+@pytest.mark.heavy
 def test_cart_in_four_states_is_certified_for_ever(tmp_path):
     found = certified("pushed-cart", cells=15, sample_time=0.6, inputs=3)
     assert found.cells.counts == (15, 15, 15, 15)
@@ -143,6 +146,7 @@ def test_errors_and_delays_that_are_none_are_refused(given, said, tmp_path):
     assert said in answer.stderr
 
 
+@pytest.mark.heavy
 def test_command_tries_the_cells_of_a_kernel(tmp_path):
     """The view is certified from the file of its kernel, as from the whole region."""
     solved = called(
@@ -204,6 +208,7 @@ def test_command_says_outside_of_which_cells_nothing_is_reached(tmp_path):
         assert not cells["member"].sel(x=1.3, y=0, method="nearest")
 
 
+@pytest.mark.heavy
 def test_command_says_which_states_of_a_kernel_are_lost_and_the_checker_agrees(tmp_path):
     of = ("ferry-banks", "--set", "grid.nodes=21")
     solved = called(

@@ -64,6 +64,7 @@ def test_no_cell_leaves_no_certificate_and_says_what_helps(tmp_path):
     assert f"({share} %)" in called(*asked, *option).stdout
 
 
+@pytest.mark.heavy
 def test_what_does_not_help_is_said():
     answer = called("certify", "loaded-cart", "--no-figures")
     told = answer.stdout.partition("what helps")[2].splitlines()
@@ -71,6 +72,7 @@ def test_what_does_not_help_is_said():
     assert {line.split()[0] for line in told[1:]} == {"--sample-time", "--inputs", "--cells"}
 
 
+@pytest.mark.heavy
 def test_trials_are_of_fewer_cells_where_there_are_many(monkeypatch):
     monkeypatch.setattr(certification, "MOST_CELLS", 3000)
     cells = {"ahead": 21, "left": 27, "v": 11}
@@ -93,6 +95,7 @@ def test_trials_are_of_fewer_cells_where_there_are_many(monkeypatch):
     assert "tried on 16 x 21 x 9 cells, which have" in advice_text(advice)
 
 
+@pytest.mark.heavy
 def test_trials_have_no_more_cells_than_were_asked_for():
     """Twice the cells are tried as they are advised; where they are too many they are not."""
     found = certified("loaded-cart", cells=2)

@@ -31,6 +31,12 @@ def explained(system):
     return EXPLAINED[id(system)]
 
 
+@pytest.mark.few(
+    "unicycle-like marine vehicle in a current, kinematics only",
+    "wheeled robot whose wheels slip along and across themselves, and in turns",
+    "Brockett's nonholonomic double integrator",
+    "wheeled robot that follows another, seen from the leader",
+)
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda s: s.description)
 def test_every_system_of_the_catalogue_is_explained_in_nine_steps(system):
     derived = explained(system)
@@ -47,6 +53,11 @@ def test_every_system_of_the_catalogue_is_explained_in_nine_steps(system):
         assert "1.0e-60" not in formula
 
 
+@pytest.mark.few(
+    "unicycle-Use the law `follow_field`: it is global.",
+    "chained_form-Use the law `steer_by_chained_form`.",
+    "nonholonomic_integrator-steer_integrator, follow_integrator",
+)
 @pytest.mark.parametrize(
     ("system", "advice"),
     [
@@ -65,6 +76,11 @@ def test_advice_names_a_law_that_can_be_used(system, advice):
     assert advice in " ".join(hf.explain(system).text().split())
 
 
+@pytest.mark.few(
+    "car-like robot, by the middle of its rear axle",
+    "wheeled robot that follows another, seen from the leader",
+    "wheeled robots in a row; each sees the one before it",
+)
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda s: s.description)
 def test_laws_that_are_named_can_be_simulated(system):
     text = " ".join(explained(system).text().split())

@@ -58,6 +58,7 @@ def line(tmp_path):
 FOR_4_S = ["march.forever=false", "march.horizon=4"]
 
 
+@pytest.mark.few("2.0")
 @pytest.mark.parametrize("horizon", [1.5, 2.0])
 def test_cart_is_pushed_from_the_middle_to_a_wall_by_what_its_brakes_have_not(cart, horizon):
     """A kernel is left for T seconds if and only if (D - 1) T^2 / 2 < 1, D the largest push."""
@@ -90,6 +91,7 @@ def test_state_of_the_unstable_line_is_kept_for_ever_up_to_a_known_push(line):
     assert found.low == pytest.approx(0.3, abs=0.03)
 
 
+@pytest.mark.few("1.0")
 @pytest.mark.parametrize("speed", [0.6, 1.0])
 def test_cart_with_a_speed_stops_in_time_up_to_a_known_push(cart, speed):
     """From the middle: v^2 / 2 <= 1 - D."""
@@ -103,6 +105,7 @@ def test_cart_with_a_speed_stops_in_time_up_to_a_known_push(cart, speed):
     assert min(t.reached for t in lost) < 3, "it ends as soon as the state is lost"
 
 
+@pytest.mark.heavy
 def test_states_of_a_region_can_be_asked_for(cart):
     x, v = hf.symbol("x"), hf.symbol("v")
     slow = hf.Region(
@@ -192,6 +195,7 @@ def test_current_of_any_direction_that_a_coarse_kernel_of_the_camera_stands_for_
     assert found.low == pytest.approx(0.284, abs=0.003)
 
 
+@pytest.mark.heavy
 def test_horizon_that_is_too_short_leaves_the_limit_open_and_says_so(cart):
     found = hf.disturbance_margin(cart, PUSH, overrides=["march.horizon=6"])
     assert found.undecided
@@ -238,6 +242,14 @@ def test_interval_grows_while_everything_holds():
     assert not margin(trials).answered
 
 
+@pytest.mark.slow(
+    "ch7-any-current-options6-between 0.3 and 0.1; expected LOW < HIGH",
+    "ch7-any-current-options12-the tolerance is 0; expected above 0",
+    "ch7-any-current-options13-give the interval",
+    "ch7-any-current-options16---keep: unknown state 'z'",
+    "ch7-any-current-options17-is not in region 'camera_and_lasers'",
+    "ch7-any-current-options18-the unit 's' does not fit",
+)
 @pytest.mark.parametrize(
     ("name", "options", "complaint"),
     [
@@ -267,6 +279,7 @@ def test_what_cannot_be_searched_is_refused_with_the_reason(name, options, compl
         hf.disturbance_margin(name, **options)
 
 
+@pytest.mark.heavy
 def test_command_writes_the_trials_and_the_figure(tmp_path):
     answer = called(
         "margin", "ch7-any-current", "--set", "grid.nodes=21", "--tolerance", "0.02",
@@ -294,6 +307,7 @@ def test_command_exits_1_where_no_limit_is_found(tmp_path, cart):
     assert "expected a state, such as x=-0.8" in answer.stderr
 
 
+@pytest.mark.heavy
 def test_search_for_a_given_current_ends_at_the_bounds_of_the_system():
     few = ["grid.nodes=11", "march.horizon=0.1"]
     found = hf.disturbance_margin("ch7-discriminating", overrides=few)

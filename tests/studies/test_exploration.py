@@ -48,6 +48,7 @@ PADDED = """(() => {{
 }})()"""
 
 
+@pytest.mark.few("ch3-noise-overrides1")
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [
@@ -84,6 +85,7 @@ def test_every_sample_of_200_runs_is_that_of_simulate(chromium, written, name, o
         assert not page.errors
 
 
+@pytest.mark.heavy
 def test_the_page_asks_for_nothing_and_is_not_blank(chromium, written):
     with opened(chromium, written("inspection")) as page:
         page.page.wait_for_selector("#outcomes li")
@@ -122,6 +124,7 @@ def test_the_start_and_the_current_are_dragged_and_the_run_follows(chromium, wri
         assert not page.errors
 
 
+@pytest.mark.heavy
 def test_a_copied_scenario_reproduces_what_is_seen(chromium, written, tmp_path):
     with opened(chromium, written("inspection")) as page:
         page.page.evaluate(
@@ -199,6 +202,7 @@ def test_every_robot_of_a_formation_is_dragged(chromium, written):
         assert page.page.evaluate("state.start[5]") > before[5]
 
 
+@pytest.mark.heavy
 def test_the_first_picture_has_all_starts_in_view(chromium, written):
     with opened(chromium, written("inspection", *SHORT)) as page:
         box = page.page.evaluate("JSON.stringify(plane.box)")
@@ -313,6 +317,7 @@ def test_a_kernel_has_its_law_and_its_slice(chromium, written):
 REACH = ("grid.nodes=15", "march.horizon=3", 'march.times=["1 s", "2 s", "3 s"]')
 
 
+@pytest.mark.heavy
 def test_a_set_without_a_law_is_cut_by_any_two_states_at_any_of_its_times(chromium, written):
     value = hf.load_scenario("ch7-forward-reach", REACH).solve()
     places = np.random.default_rng(0).uniform((-0.7, -2.5), (0.7, 2.5), (500, 2))
@@ -437,6 +442,7 @@ def test_a_link_holds_what_is_seen(chromium, written):
         assert "not understood" in page.page.inner_text("#notice")
 
 
+@pytest.mark.heavy
 def test_a_number_outside_its_limits_is_refused_and_the_page_goes_on(chromium, written):
     with opened(chromium, written("inspection")) as page:
         for what, value in (("delay [s]", "-0.5"), ("delay [s]", "4.5"), ("noise of x [m]", "-1")):

@@ -88,6 +88,7 @@ def compared(page, found, cell, scenario, **options):
     np.testing.assert_array_equal(page.numbers("page.run.state").reshape(-1, seen.shape[1]), seen)
 
 
+@pytest.mark.heavy
 def test_a_cell_runs_with_the_numbers_of_the_table(chromium, swept, cart):
     found, path = swept(cart, OVER)
     with opened(chromium, path) as page:
@@ -167,6 +168,7 @@ def test_a_copied_cell_is_a_scenario_with_its_numbers(chromium, swept, cart, fol
     np.testing.assert_array_equal(state.reshape(seen.shape), seen)
 
 
+@pytest.mark.slow("over1-9-8")
 @pytest.mark.parametrize(
     ("over", "latin", "other"), [(("k=0.5:1.5:4",), None, 3), (("k=0.5:1.5", "c=1:3:log"), 9, 8)]
 )
@@ -240,6 +242,7 @@ def test_a_file_that_does_not_say_its_sweep_is_refused(swept, cart, folder):
         hf.explore(str(folder / "former.nc"))
 
 
+@pytest.mark.heavy
 def test_a_scenario_that_is_gone_or_has_changed_is_refused(folder):
     own = folder / "own.toml"
     own.write_text(DRIFTING, "utf-8")

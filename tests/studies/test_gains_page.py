@@ -14,10 +14,12 @@ def test_table_of_gains_is_the_record_of_the_benchmark():
     assert gains.table(ROWS) in PAGE
 
 
+@pytest.mark.heavy
 def test_record_has_every_scenario_whose_law_has_conditions():
     assert [(r["scenario"], r["case"] or None) for r in ROWS] == gains.tunable()
 
 
+@pytest.mark.slow("ch4-marine")
 @pytest.mark.parametrize("name", ["ch4-integrator", "ch4-marine"])
 def test_record_is_what_tune_finds(name):
     """The two fastest; benchmarks/gains.py finds the others in minutes."""

@@ -40,6 +40,7 @@ def otter_found():
     return hf.identify(otter, vehicle_log(otter), estimate=["Xu", "Nr", "Nrr"])
 
 
+@pytest.mark.heavy
 def test_vehicle_file_has_the_numbers_with_their_source_and_loads(tmp_path, otter_found):
     subject = subject_of("otter")
     text = vehicle_with(otter_found, subject)
@@ -78,6 +79,7 @@ def videoray_found():
     return replace(found, unexplained=bound)
 
 
+@pytest.mark.heavy
 def test_scenario_of_the_log_has_the_vehicle_the_bound_and_a_filter_that_counts_it(
     tmp_path, videoray_found
 ):
@@ -106,6 +108,7 @@ def test_filter_that_counts_the_bound_keeps_what_one_without_it_loses(tmp_path, 
     assert without.viable < 30
 
 
+@pytest.mark.heavy
 def test_vehicle_file_has_the_numbers_that_were_given_too(tmp_path):
     otter = hf.load_vehicle("otter")
     subject = subject_of("otter", ("mass=60", "Nr=-50"))
@@ -168,6 +171,7 @@ sample_time = 0.05
 """
 
 
+@pytest.mark.few("0.3")
 @pytest.mark.parametrize("swell", [0.0, 0.3])
 def test_command_goes_from_a_log_to_a_scenario_and_fails_on_a_log_beyond_the_bound(tmp_path, swell):
     as_csv(boat_log(seconds=60.0), tmp_path / "log.csv")

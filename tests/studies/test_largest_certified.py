@@ -17,6 +17,7 @@ from holdfast_check.checker import check
 searched = cache(largest_certified)
 
 
+@pytest.mark.heavy
 def test_largest_current_of_a_target_in_view_is_near_the_speed_of_the_vehicle(tmp_path):
     """Above 0.5 m/s, at which it moves itself, any state is lost: the range grows."""
     found = searched("seen-target", "current", share=0.0)
@@ -33,6 +34,7 @@ def test_largest_current_of_a_target_in_view_is_near_the_speed_of_the_vehicle(tm
     assert [t["value"] for t in told["trials"]] == sorted(t["value"] for t in told["trials"])
 
 
+@pytest.mark.heavy
 def test_largest_current_is_smaller_where_more_of_the_view_is_asked_for():
     most = searched("seen-target", "current", share=0.9)
     assert most.low < searched("seen-target", "current", share=0.0).low
@@ -50,6 +52,7 @@ def test_what_is_proved_is_below_what_the_margin_of_the_kernel_finds():
     assert proved.low < 0.5 < margin.low
 
 
+@pytest.mark.heavy
 def test_trials_of_a_largest_current_halve_cells():
     asked = {"between": (0.1, 0.6), "tolerance": 0.3, "cells": 25, "halvings": 1}
     found = largest_certified("seen-target", "current", **asked)
@@ -58,6 +61,7 @@ def test_trials_of_a_largest_current_halve_cells():
     assert found.found.cells.counts == (50, 50)
 
 
+@pytest.mark.heavy
 def test_mass_may_be_off_by_a_ninth_with_half_of_the_states_certified(tmp_path):
     found = searched("loaded-cart", "uncertain.mass", share=0.5)
     assert found.low == pytest.approx(2.344, abs=1e-3)
@@ -69,6 +73,7 @@ def test_mass_may_be_off_by_a_ninth_with_half_of_the_states_certified(tmp_path):
     assert check(str(path)) == "5503 cells for ever: 5503 of 5503 entries hold"
 
 
+@pytest.mark.heavy
 def test_number_that_is_no_bound_is_tried_all_over_the_interval():
     """A heavier cart brakes less: fewer cells are certified, but that is not known beforehand."""
     asked = {"between": (10.0, 40.0), "tolerance": 1.0, "share": 0.5, "cells": 61}
@@ -90,6 +95,7 @@ def test_number_whose_range_the_scenario_has_is_not_searched(tmp_path):
         largest_certified("loaded-cart", "mass", cells=11)
 
 
+@pytest.mark.heavy
 def test_command_finds_the_largest_current_and_the_other_one_checks_it(tmp_path):
     out = tmp_path / "c"
     asked = ["seen-target", "--largest", "current", "--cells", "21", "--tolerance", "0.05"]

@@ -121,6 +121,7 @@ HALVED = [
 ]
 
 
+@pytest.mark.few("seen-target")
 @pytest.mark.parametrize("name", HALVED)
 def test_halved_cells_of_the_record_keep_the_region_against_adversaries_in_closed_loop(name):
     found, (few, _) = proof(name, "HALVED"), RECORD["halved"][name]
@@ -171,6 +172,7 @@ def test_largest_numbers_of_the_page_are_those_of_the_record(name):
     assert row_of_search(name) in PAGE
 
 
+@pytest.mark.few("loaded-cart")
 @pytest.mark.parametrize("name", EVERY)
 def test_record_is_what_is_certified_and_the_checker_finds_no_cell_wrong(name, tmp_path):
     found, r = proof(name), RECORD["certified"][name]
@@ -180,6 +182,7 @@ def test_record_is_what_is_certified_and_the_checker_finds_no_cell_wrong(name, t
     assert check(str(found.write(tmp_path / "c.holdfast")), share=300 / len(found.kept.members))
 
 
+@pytest.mark.few("loaded-cart")
 @pytest.mark.parametrize("name", EVERY)
 def test_certified_inputs_keep_the_region_against_adversaries_in_closed_loop(name):
     """500 starts in certified cells, 150 holds; at every step the corner that is worst for the
@@ -197,6 +200,7 @@ def window(leader_speed):
     )  # fmt: skip
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("k2", "share"), [(0.66, 0.0), (0.68, 0.995)])
 def test_gains_of_chapter_6_are_certified_down_to_near_the_end_of_their_window(k2, share):
     found = certified("leader-gains", [f"system.parameters.k2.value={k2}"], sample_time=0.01)
@@ -205,6 +209,7 @@ def test_gains_of_chapter_6_are_certified_down_to_near_the_end_of_their_window(k
     assert window(0.25).high == pytest.approx(1.027, abs=1e-3)
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(("gains", "share"), [((0.68, 0.9), 0.995), ((0.9, 1.027), 0.916)])
 def test_any_gain_of_the_window_of_chapter_6_keeps_the_leader_in_view(gains, share):
     found = certified("leader-gains", uncertain={"k2": gains}, sample_time=0.01)

@@ -202,6 +202,11 @@ def knob(scenario, name, overrides=()):
     return find_knob(scenario_of(shown, text, data), data, name)
 
 
+@pytest.mark.slow(
+    "inspection-swing-0.2-settings6",
+    "inspection-half_angle-20.0 deg-settings7",
+    "inspection-safeguard.gains.1-4-settings8",
+)
 @pytest.mark.parametrize(
     ("scenario", "name", "value", "settings"),
     [
@@ -231,6 +236,7 @@ def test_speed_of_a_known_current_is_known_to_the_law():
     assert (float(settings["law.current_x"]), float(settings["law.current_y"])) == (x, y)
 
 
+@pytest.mark.few("ch4-car-current.speed-has no current.*name the key")
 @pytest.mark.parametrize(
     ("scenario", "name", "complaint"),
     [
@@ -329,6 +335,7 @@ def test_kernels_are_swept_too(here, tmp_path):
     assert found.dataset["answered"].values.tolist() == [1, 1, 1]
 
 
+@pytest.mark.heavy
 def test_what_an_empty_kernel_has_not_can_be_shown_of_the_others(here, tmp_path):
     path = tmp_path / "line.toml"
     more = 'most = { value = 0.6, unit = "m/s" }, push = {'
@@ -513,6 +520,7 @@ def test_another_version_on_the_cluster_is_refused(cart, here, monkeypatch):
 # -- figures
 
 
+@pytest.mark.few("over0-None-1")
 @pytest.mark.parametrize(
     ("over", "latin", "panels"),
     [

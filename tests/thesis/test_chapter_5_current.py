@@ -76,6 +76,7 @@ def wrap_argument(expression):
     return found.args[0]
 
 
+@pytest.mark.slow("True")
 @pytest.mark.smoke
 @pytest.mark.parametrize("measured", [True, False])
 def test_tracked_forces_are_those_of_5_36_and_5_37(vehicle, measured):
@@ -227,6 +228,7 @@ def test_redesign_in_a_current_blends_velocities_relative_to_the_water(vehicle):
 # -- the ultimate bound (5.35) ------------------------------------------------------------------
 
 
+@pytest.mark.few("0.13-0.7562")
 @pytest.mark.smoke
 @pytest.mark.parametrize(
     ("speed", "bound"),

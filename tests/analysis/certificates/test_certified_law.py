@@ -139,11 +139,7 @@ def test_other_sample_times_and_continuous_control_are_refused(seen):
         hf.Controller(system, law, sample_time=0.05)
 
 
-@pytest.mark.few(
-    "more1-'left' is up to 0\\\\.011, .* with up to 0\\\\.01: its",
-    "more2-'ahead' is up to 0\\\\.001, .* with up to 0: its",
-    "more3-'left' has no bound",
-)
+@pytest.mark.slow("more0-everything 0\\\\.1 s late, .* late by up to 0\\\\.02 s: its promise")
 @pytest.mark.parametrize(
     ("more", "named"),
     [
@@ -283,6 +279,7 @@ def three():
     return system, region, found
 
 
+@pytest.mark.heavy
 def test_three_states_are_kept_for_as_long_as_is_said():
     system, region, found = three()
     starts = starts_in(found, np.unique(found.kept.entries[:, 0]), 1000, 9)

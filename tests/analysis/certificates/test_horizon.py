@@ -18,6 +18,7 @@ def claimed(horizon, sample_time, **options):
     return found.kept.holds * found.hold
 
 
+@pytest.mark.slow("1.0-0.3-0.9", "0.6-0.2-0.6")
 @pytest.mark.parametrize(
     ("horizon", "sample_time", "within"),
     [(1.0, 0.3, 0.9), (0.25, 0.2, 0.2), (0.2, 0.2, 0.2), (0.6, 0.2, 0.6), (0.7, 0.1, 0.7)],

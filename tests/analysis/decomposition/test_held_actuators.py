@@ -45,7 +45,7 @@ def furthest(held, late):
     return max(map(abs, thrust))
 
 
-@pytest.mark.few("0.12256976326443224-0.0")
+@pytest.mark.slow("0.02-0.02")
 @pytest.mark.parametrize(("held", "late"), [(0.99 * LONGEST, 0.0), (0.02, 0.02)])
 def test_a_thrust_that_does_not_overshoot_stays_in_its_share(held, late):
     assert overshoot(LAG, GAIN, held, late) == 0.0
@@ -69,6 +69,7 @@ def test_optimal_inputs_are_refused_for_a_sample_time_that_is_too_long():
         check_parts(kernel(), walls("x"), whole, sample_time=1.2 * LONGEST)
 
 
+@pytest.mark.heavy
 def test_the_margin_counts_what_the_thrust_adds_while_an_input_is_held():
     part = kernel().parts[0][0]
     for held in (0.01, 0.05):

@@ -66,6 +66,7 @@ def test_every_decision_has_the_bits_of_the_kernel_in_memory(both):
     assert outside[0].input.tobytes() == outside[1].input.tobytes()
 
 
+@pytest.mark.few("times")
 def test_many_states_have_the_same_bits(both):
     rng = np.random.default_rng(3)
     states, commands = rng.uniform(-1.4, 1.4, (200, 2)), rng.uniform(-1, 1, (200, 1))

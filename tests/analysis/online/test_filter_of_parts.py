@@ -188,6 +188,7 @@ def test_a_command_that_takes_an_actuator_out_of_its_share_is_said_to_be_one():
     assert "an actuator would leave its share with it" in near.why
 
 
+@pytest.mark.heavy
 def test_a_limit_of_an_acceleration_is_named():
     keep = hf.SafetyFilter(plane(), one_way(), sample_time=SAMPLE, rates={"vx": 0.5})
     assert "the rate of vx would be beyond its limit" in keep.step(np.zeros(4), [1.0, 0.0]).why

@@ -59,6 +59,7 @@ def test_false_kernel_is_warned_of_once_and_by_name():
     assert only.filename == __file__
 
 
+@pytest.mark.heavy
 def test_kernel_from_a_file_was_tried_when_it_was_saved_or_is_warned_of(tmp_path):
     value = kernel()
     (only,) = said_of(hf.load(value.save(tmp_path / "untried.nc")), times=2)
@@ -73,6 +74,7 @@ def test_kernel_from_a_file_was_tried_when_it_was_saved_or_is_warned_of(tmp_path
     assert loaded.report.promise_share == promise.kept_share
 
 
+@pytest.mark.heavy
 def test_promise_that_fell_short_is_remembered_by_the_file(tmp_path):
     value = false(kernel())
     value = value.tried(hf.check_promise(drifting(), value, ENDS, runs=50))

@@ -113,7 +113,7 @@ def test_the_stages_of_a_march_from_a_disk_follow_one_another(
     assert list((tmp_path / "new").iterdir()) == []
 
 
-@pytest.mark.few("kernel-options0", "moving_kernel-options3")
+@pytest.mark.slow("mirrored_first-options1", "cart-options2")
 @pytest.mark.parametrize(
     ("problem", "options"),
     [

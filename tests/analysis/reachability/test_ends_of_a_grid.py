@@ -61,7 +61,7 @@ def test_grid_that_ends_on_the_constraints_gives_the_set_of_a_wider_one(wide, of
     assert not found.report.ends_reached
 
 
-@pytest.mark.few("options0", "options2")
+@pytest.mark.slow("options1")
 @pytest.mark.parametrize("options", [{"precision": "float32"}, {"refine": 2}, {"scheme": "upwind"}])
 def test_so_it_is_with_every_kind_of_march(options):
     nodes = {"refine": CELLS // 2 + 1}.get(next(iter(options)), CELLS + 1)

@@ -36,7 +36,7 @@ def found():
     return kernel(81)
 
 
-@pytest.mark.few("upwind", "eno2")
+@pytest.mark.slow("eno3", "weno5")
 @pytest.mark.parametrize("scheme", ["upwind", "eno2", "eno3", "weno5"])
 def test_what_is_skipped_would_not_have_changed(scheme):
     """With the value cut off at a band, most of it settles; the numbers stay the same to the bit."""

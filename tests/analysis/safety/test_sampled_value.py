@@ -284,6 +284,7 @@ def test_a_game_is_that_of_the_system_that_is_asked_for():
     assert weak.share(value) < 0.95 * strong.share(value)
 
 
+@pytest.mark.heavy
 def test_a_game_that_is_cut_short_is_taken_if_trial_runs_stay():
     system, value = leaning(31)
     game = sampled_value(system, value, 0.02, patience=0.01)

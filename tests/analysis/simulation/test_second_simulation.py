@@ -11,7 +11,7 @@ import holdfast as hf
 import holdfast.analysis.simulation.simulate as simulating
 
 
-@pytest.mark.few("ch2-unicycle-5000")
+@pytest.mark.slow("inspection-20000")
 @pytest.mark.parametrize(("name", "most"), [("ch2-unicycle", 5_000), ("inspection", 20_000)])
 def test_what_was_simulated_before_is_not_lowered_again(name, most, monkeypatch):
     """A second simulation of the same definitions from one start: calls of Python are counted."""

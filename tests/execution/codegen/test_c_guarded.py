@@ -65,6 +65,7 @@ int outside(const double *seen) {
 """
 
 
+@pytest.mark.heavy
 def test_law_of_a_kernel_in_c_says_that_it_was_asked_outside_its_grid(tmp_path):
     system, value = cart(), kernel()
     text = hf.export_c(system, hf.safety_law(system, value), "law")

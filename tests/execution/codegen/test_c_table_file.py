@@ -78,6 +78,7 @@ def test_a_loaded_table_gives_the_bits_of_one_in_the_source(exported):
     assert answers(library).tobytes() == expected.tobytes()
 
 
+@pytest.mark.few("float64")
 def test_a_linked_table_gives_the_same_bits_without_a_file(exported):
     folder, law, library = exported
     linked = compiled(folder, law, "keep", "file", '-DKEEP_LINKED="keep.bin"')

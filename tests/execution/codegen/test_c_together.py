@@ -127,6 +127,7 @@ def test_two_laws_and_two_kernels_are_in_one_program(laws, tmp_path):
         assert done(tmp_path, "./in_cpp") == told
 
 
+@pytest.mark.heavy
 def test_every_name_at_file_scope_begins_with_the_name_of_the_law(laws):
     system, law = laws["keep"]
     text = hf.export_c(system, law, "keep")

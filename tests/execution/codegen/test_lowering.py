@@ -34,6 +34,7 @@ def values(expression, points=POINTS):
     return Evaluator([expression], [X, Y], ()).values(points)[:, 0]
 
 
+@pytest.mark.slow("acos", "atan2", "clip", "cos", "log", "sin", "tan")
 @pytest.mark.parametrize("name", sorted(FUNCTIONS.keys() - PROCESSES))
 def test_every_function_of_a_file_is_computed(name):
     fewest, _, function = FUNCTIONS[name]
@@ -42,6 +43,7 @@ def test_every_function_of_a_file_is_computed(name):
     assert values(expression) == pytest.approx(exact, rel=1e-15, abs=0)
 
 
+@pytest.mark.slow("-Max(x, y) + Min(1/2, x, y)", "atan2(y, x)")
 @pytest.mark.parametrize(
     "expression",
     [

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import holdfast as hf
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
@@ -18,6 +19,7 @@ def inspection():
     )
 
 
+@pytest.mark.heavy
 def test_leaves_with_shared_rows_give_the_bits_of_leaves_without():
     program = inspection()
     assert program.shared > 0

@@ -38,25 +38,16 @@ def missed(expression, low, high, at, symbols):
     return count
 
 
-@pytest.mark.few(
-    "sum",
-    "difference",
-    "product",
-    "quotient",
-    "square",
-    "cube",
-    "inverse square",
-    "root",
-    "root of a cube",
-    "cosine",
-    "exponential",
-    "absolute value",
-    "length",
-    "least",
-    "greatest",
-    "sgn",
-    "sign",
-    "wrap",
+@pytest.mark.slow(
+    "real power",
+    "numbers that are no floats",
+    "sine",
+    "tangent",
+    "arctangent",
+    "angle",
+    "logarithm",
+    "hyperbolic tangent",
+    "select",
 )
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_no_value_is_outside_its_enclosure(name):
@@ -135,13 +126,14 @@ def test_what_is_not_finite_or_overflows_never_gives_a_false_bound(bad):
 SYSTEMS = [example(f) for f in hf.systems.ALL] + [hf.load_vehicle("otter")]
 
 
-@pytest.mark.few(
-    "unicycle",
-    "drifting_unicycle",
-    "nonholonomic_integrator",
-    "chained_form",
-    "leader_follower",
-    "marine_craft1",
+@pytest.mark.slow(
+    "marine_vehicle",
+    "slipping_unicycle",
+    "car",
+    "front_axle_car",
+    "tractor_trailer",
+    "chain",
+    "marine_craft0",
 )
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda s: s.name)
 def test_rates_of_the_catalogue_are_within_their_enclosures(system):

@@ -66,6 +66,7 @@ def test_every_enclosure_holds_ten_thousand_trajectories_of_a_pendulum(name, ste
     assert ((ends[2] <= path) & (path <= ends[3]))[:, sure].all()
 
 
+@pytest.mark.heavy
 def test_zonotope_of_what_turns_is_narrower():
     """A pendulum that is held for 0.8 s in 12 steps: by a tenth in the mean at least."""
     low = np.random.default_rng(4).uniform(-1, 1, (100, 2))

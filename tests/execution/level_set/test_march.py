@@ -90,6 +90,9 @@ STEPS += [(s, scheme) for s in DEEP for scheme in ("upwind", "weno5")] + [((7, 8
 """Shapes and schemes: a scheme is along one axis, so that not all need all dimensions."""
 
 
+@pytest.mark.slow(
+    "(41,)-upwind", "(40, 30, 31)-upwind", "(40, 30, 31)-weno5", "(7, 8, 9, 13)-weno5"
+)
 @pytest.mark.parametrize(("shape", "scheme"), STEPS, ids=str)
 def test_a_step_is_that_of_the_formulas(shape, scheme):
     if min(shape) <= 2 * SCHEMES[scheme][1]:

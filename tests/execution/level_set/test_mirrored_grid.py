@@ -44,7 +44,7 @@ def same(half, whole, share):
     assert half.dataset.attrs["steps"] == whole.dataset.attrs["steps"]
 
 
-@pytest.mark.few("81-upwind", "81-eno2", "81-weno5", "160-upwind")
+@pytest.mark.slow("160-eno2", "160-weno5")
 @pytest.mark.parametrize("scheme", ["upwind", "eno2", "weno5"])
 @pytest.mark.parametrize("nodes", [81, 160])
 def test_half_of_the_states_of_a_cart_tell_the_other_half(scheme, nodes):

@@ -47,6 +47,7 @@ def test_runs_are_the_same_in_any_number_of_launches(monkeypatch):
     assert differing("ch2-unicycle", 20)[0] == []
 
 
+@pytest.mark.heavy
 @needs_nvcc
 def test_cuda_takes_the_same_text(tmp_path, monkeypatch):
     texts = []

@@ -140,7 +140,7 @@ def independent(vehicle, force_law):
     return found.y.T
 
 
-@pytest.mark.few("dormand-prince")
+@pytest.mark.slow("rk4")
 @pytest.mark.parametrize("stepper", ["rk4", "dormand-prince"])
 def test_smooth_closed_loop_agrees_with_an_independent_integrator(
     vehicle, force_law, independent, stepper

@@ -121,6 +121,7 @@ def test_kernel_is_kept_by_a_filter_whose_measurements_are_late(kernel, late):
     assert least > 0
 
 
+@pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore")
 def test_what_was_sent_in_place_of_an_answer_is_remembered(kernel):
     """A fallback acts on its way like any other input, also of one row among several."""
@@ -163,6 +164,7 @@ def test_late_filter_in_c_has_the_same_bits(kernel, tmp_path):
     assert np.mean(answers != commands[:, 0]) > 0.2
 
 
+@pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore")
 def test_kernel_and_a_region_are_kept_in_order_of_measurements_that_are_late(kernel):
     slow = hf.Region("slow", quantities("theta"), (hf.Inequality("turn", TH - 2.5),))
@@ -266,6 +268,7 @@ def test_relay_predicts_over_a_gap_from_the_fallback_that_was_sent(room, gap):
     assert max(abs(q[0]) for q in way) < 1
 
 
+@pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore")
 def test_fallback_of_the_first_sample_is_on_its_way_too(room):
     keep = hf.SafetyFilter(DRIVEN, room, sample_time=HOLD, delay=2 * HOLD, fallback=[-0.8])

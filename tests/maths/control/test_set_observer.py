@@ -72,7 +72,7 @@ def test_set_that_is_empty_is_learnt_anew(drifting):
     assert low <= high
 
 
-@pytest.mark.few("3.0-0.0", "1.0-0.0", "1.0-0.009")
+@pytest.mark.slow("3.0-0.009")
 @pytest.mark.parametrize("noise", [0.0, 0.009])
 @pytest.mark.parametrize("period", [3.0, 1.0])
 def test_interval_of_a_drift_that_changes_within_its_rate_follows_it(drifting, period, noise):
@@ -152,6 +152,7 @@ def inside(scenario, horizon, runs, *changes):
     return max(beyond), errors, signal["learning_time"][:, -1].min(), np.maximum(*half)
 
 
+@pytest.mark.heavy
 def test_true_current_and_velocities_are_in_the_set():
     beyond, errors, learnt, half = inside("inspection-current", 10, 40, SET)
     assert half[[1, 10]] == pytest.approx([0.032, 0.0095], abs=0.001)  # m/s, after 0.1 s and 1 s

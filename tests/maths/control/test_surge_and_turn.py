@@ -80,10 +80,10 @@ def built(name, kind, speed_limit, turn_limit):
 # -- limits
 
 
-@pytest.mark.few(
-    "hold_station_unknown-drifting_unicycle",
-    "weathervane-drifting_unicycle",
-    "weathervane-marine_vehicle",
+@pytest.mark.slow(
+    "hold_station-drifting_unicycle",
+    "hold_station-marine_vehicle",
+    "hold_station_unknown-marine_vehicle",
 )
 @pytest.mark.parametrize("kind", ["drifting_unicycle", "marine_vehicle"])
 @pytest.mark.parametrize("name", LAWS)
@@ -182,6 +182,7 @@ def test_approach_goes_no_faster_than_it_can_turn(name, kind, turn_limit):
     assert (np.abs(surge) <= np.abs(wanted) + ROUNDING)[slowed].all()
 
 
+@pytest.mark.slow("hold_station-drifting_unicycle-0.5", "hold_station-marine_vehicle-0.5")
 @pytest.mark.parametrize(("name", "kind", "turn_limit"), CASES)
 def test_turn_rate_follows_the_field_along_the_slowed_motion(name, kind, turn_limit):
     """r = -k2 wrap(psi - phi) + d/dt phi, cut at turn_limit, d/dt phi with the slowed surge."""

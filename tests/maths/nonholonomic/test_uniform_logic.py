@@ -27,12 +27,11 @@ def names(quantities):
     return [q.name for q in quantities]
 
 
-@pytest.mark.few(
-    "wheeled robot that cannot move sideways-x y-psi-1-grown0",
-    "Brockett's nonholonomic double integrator-x1 x2 x3--2-grown1",
-    "chained form with 3 states-x1 x3-x2-1-grown2",
-    "chained form with 6 states-x1 x3 x4 x5 x6-x2-1-grown3",
-    "car-like robot, by the middle of its front axle-x y psi-delta-1-grown5",
+@pytest.mark.slow(
+    "car-like robot, by the middle of its rear axle-x y psi-delta-1-grown4",
+    "tractor with 1 trailer-x y psi1-psi0-1-grown6",
+    "tractor with 2 trailers-x y psi2 psi1-psi0-1-grown7",
+    "underactuated marine vehicle, two aft thrusters, in a current-x y-psi-1-grown8",
 )
 @pytest.mark.parametrize(
     ("system", "leaf", "transverse", "choices", "grown"),

@@ -113,16 +113,7 @@ CLASSICS = {
 }
 
 
-@pytest.mark.few(
-    "saddle",
-    "unequal node",
-    "star node",
-    "improper node",
-    "centre",
-    "focus",
-    "dipole",
-    "saddle-node",
-)
+@pytest.mark.slow("monkey saddle", "four loops", "cubic node")
 @pytest.mark.parametrize("name", CLASSICS)
 def test_classic_critical_point_has_its_textbook_sectors(name):
     components, index, kind, sectors = CLASSICS[name]

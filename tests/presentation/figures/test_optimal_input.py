@@ -44,7 +44,7 @@ def colour_at(panel, point):
     return found
 
 
-@pytest.mark.few("False")
+@pytest.mark.slow("True")
 @pytest.mark.parametrize("turned", [False, True])
 def test_colours_and_arrows_lie_where_their_nodes_are(turned):
     shown = value("x", "y")

@@ -114,6 +114,7 @@ def test_every_point_of_a_path_is_on_the_line_that_is_drawn(result):
         assert len(at) < len(whole) / 2
 
 
+@pytest.mark.heavy
 def test_the_first_of_every_outcome_is_drawn_though_it_comes_late(result):
     outcome = result.dataset["outcome"].values.copy()
     outcome[:] = 1

@@ -98,6 +98,7 @@ def killed(asked):
     os._exit(9)
 
 
+@pytest.mark.heavy
 def test_a_process_that_is_killed_is_told(small, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_run", killed)
     with pytest.raises(OutputError, match="was killed, perhaps for lack of memory"):

@@ -74,6 +74,7 @@ def test_no_start_of_the_whole_of_k_chatters(whole):
         assert result.summary()["switching"]["shortest_dwell"] > 1.0
 
 
+@pytest.mark.heavy
 def test_every_start_of_the_whole_of_k_arrives_without_a_limit_of_the_heading(whole):
     _, free = whole
     assert free.outcomes["reached goal"] == 600
