@@ -177,6 +177,7 @@ def together(paths):
         ("brief", {"hold": H(1e300), "holds": 10**9}),
         ("keep", {"law": {**modes, "modes": []}}),
         *(("stepped", {"steps": steps}) for steps in (64, 65)),
+        *(("keep", {"halves": halves}) for halves in (-1, 0, 8, 9)),
         ("still", {"errors": [H(0.0), H(0.01)]}),
         ("keep", {"entries": 70}),
         ("keep", {"edges": [[*headers["keep"]["edges"][0][::-1]]]}),
