@@ -114,6 +114,7 @@ def test_filter_refuses_what_it_cannot_begin_with(mine):
         assert "between samples" not in answer.stderr
 
 
+@pytest.mark.heavy
 def test_filter_of_an_empty_stream_has_no_samples(mine):
     answer = called("filter", "mine.toml")
     assert (answer.returncode, answer.stdout) == (0, "")

@@ -122,6 +122,7 @@ def test_a_worker_that_takes_on_no_task_is_told_from_one_that_is_lost(there):
     )
 
 
+@pytest.mark.few("None-4")
 @pytest.mark.parametrize(("asked", "has"), [(None, 4), (2, 2)])
 def test_a_part_has_the_threads_of_its_worker_or_those_asked_for(asked, has, monkeypatch):
     made = []

@@ -91,6 +91,7 @@ def test_histories_show_what_the_law_asked_for_and_mark_where_it_was_overruled(o
     plt.close(figure)
 
 
+@pytest.mark.heavy
 def test_limits_out_of_reach_are_told_and_do_not_flatten_the_curves(overruled):
     data = overruled.dataset.copy(deep=True)
     data["actuator_low"][:], data["actuator_high"][:] = -500.0, 500.0
@@ -202,6 +203,7 @@ def test_a_run_that_does_not_exist_cannot_be_drawn(result):
         hf.histories_figure(result, 12)
 
 
+@pytest.mark.few("ch5-viable-goal-set", "wheeled_camera")
 def test_summary_names_viability_worst_constraints_and_peaks(result):
     text = summary_text(result)
     assert "viable         12 of 12 runs" in text

@@ -619,51 +619,23 @@ def few_and_all(names):
     return few + [pytest.param(n, None, marks=pytest.mark.heavy, id=f"{n} all") for n in names]
 
 
-@pytest.mark.few(
-    "contingent_cone",
-    "certified_law",
-    "certified_system",
-    "decompose",
-    "solve_parts",
-    "exact_flow",
-    "export_c",
-    "export_c_header",
-    "grid",
-    "hamiltonian",
-    "load",
-    "march_memory",
-    "obstacles",
-    "observe_set",
-    "observe",
-    "outward_rates",
-    "parse_condition",
-    "parse_expression",
-    "add_unmodelled",
-    "cancel_unmodelled",
-    "lagged",
-    "limit_rates",
-    "load_vehicle",
-    "both",
-    "commanded",
-    "dynamic_extension",
-    "in_order",
-    "input_limits",
-    "promote",
-    "redesign",
-    "regulation_map",
-    "renamed",
-    "resting_state",
-    "safeguard",
-    "sampled_margin",
-    "station_keeping_limits",
-    "station_statistics",
-    "subsystem",
-    "symbol",
-    "wiener_process",
-    "ultimate_bound",
-    "viability_conditions",
-    "visibility_gains",
-    "winding_number",
+@pytest.mark.slow(
+    "check_promise",
+    "comparison_figure",
+    "critical_points",
+    "certify",
+    "outer_set",
+    "judge_law",
+    "certificate_figure",
+    "parts_law",
+    "explain",
+    "export_c_table",
+    "explore",
+    "load_scenario",
+    "largest_certified",
+    "identify",
+    "tune",
+    "value_function_figure",
 )
 @pytest.mark.parametrize(("name", "some"), few_and_all(FUNCTIONS))
 def test_nonsense_is_refused_by_functions(name, some):
@@ -672,49 +644,14 @@ def test_nonsense_is_refused_by_functions(name, some):
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.slow("Field", "CertifiedFilter", "Plant", "Relay", "SafetyFilter")
+@pytest.mark.slow("SafetyFilter")
 @pytest.mark.parametrize("name", CLASSES)
 def test_nonsense_is_refused_by_definitions(name):
     wrong = attempts(getattr(hf, name), CLASSES[name]())
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.few(
-    "marine_vehicle",
-    "unicycle",
-    "drifting_unicycle",
-    "slipping_unicycle",
-    "nonholonomic_integrator",
-    "chained_form",
-    "car",
-    "front_axle_car",
-    "tractor_trailer",
-    "chain",
-    "marine_craft",
-    "face_target",
-    "back_off",
-    "move_ahead",
-    "align_unicycle",
-    "dock_marine",
-    "project_marine",
-    "approach_leader",
-    "follow_leader",
-    "keep_footprint",
-    "camera_and_lasers",
-    "camera_view",
-    "hitch_angles",
-    "inspection_goal",
-    "leader_in_footprint",
-    "leader_in_view",
-    "near_origin",
-    "near_pose",
-    "steering_angle",
-    "dipolar",
-    "dipole_like",
-    "dipole_in_current",
-    "electric_dipole",
-    "charge_pair",
-)
+@pytest.mark.slow("steer_by_chained_form", "follow_field")
 @pytest.mark.parametrize(("name", "some"), few_and_all(CATALOGUE))
 def test_nonsense_is_refused_by_the_catalogue(name, some):
     function, leading = CATALOGUE[name]
@@ -722,7 +659,6 @@ def test_nonsense_is_refused_by_the_catalogue(name, some):
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.slow("Relay.measured", "ValueFunction.slice", "Campaign.variable", "Comparison.of")
 @pytest.mark.parametrize("name", METHODS)
 def test_nonsense_is_refused_by_methods(name):
     of, base = METHODS[name]()

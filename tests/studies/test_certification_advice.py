@@ -118,6 +118,7 @@ def test_trials_are_of_the_edges_that_were_asked_for():
     assert shares["--sample-time 0.8"] == followed.kept.share
 
 
+@pytest.mark.heavy
 def test_trials_that_are_refused_are_not_told():
     options = {"delay": 0.15, "cells": 41}
     found = certified("loaded-cart", **options)
@@ -127,6 +128,7 @@ def test_trials_that_are_refused_are_not_told():
     ]  # fmt: skip
 
 
+@pytest.mark.heavy
 def test_more_inputs_are_told_as_they_can_be_asked_for():
     override = ["certificate.inputs={F = 3}"]
     found = certified("loaded-cart", override, cells=21)

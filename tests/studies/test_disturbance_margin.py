@@ -321,6 +321,7 @@ def test_search_for_a_given_current_ends_at_the_bounds_of_the_system():
     assert max(t.value for t in found.trials) > 1.0
 
 
+@pytest.mark.heavy
 def test_search_over_the_horizon_is_not_held_by_the_samples_of_the_promise():
     found = hf.disturbance_margin(
         "ch7-any-current", "march.horizon", between=(1.0, 1.755), tolerance=0.2,

@@ -97,6 +97,7 @@ def test_the_page_asks_for_nothing_and_is_not_blank(chromium, written):
         assert not page.errors
 
 
+@pytest.mark.heavy
 def test_the_start_and_the_current_are_dragged_and_the_run_follows(chromium, written):
     with opened(chromium, written("inspection")) as page:
         before = page.page.inner_text("#status")
@@ -156,6 +157,7 @@ def repeated(page, file):
     return state.reshape(-1, seen.shape[1]), seen
 
 
+@pytest.mark.heavy
 def test_a_copied_formation_has_the_start_of_its_file(chromium, written, tmp_path):
     with opened(chromium, written("ch6-corridor")) as page:
         np.testing.assert_array_equal(*repeated(page, tmp_path / "formation.toml"))
@@ -225,6 +227,7 @@ def test_angles_are_read_in_degrees_and_kept_in_radians(chromium, written):
         assert text == "90 deg"
 
 
+@pytest.mark.heavy
 def test_a_page_prints_the_picture_the_status_and_the_numbers_on_white(chromium, written):
     with opened(chromium, written("inspection", *SHORT), color_scheme="dark") as page:
         assert page.page.evaluate("page.colours().page") != "#ffffff"
@@ -426,6 +429,7 @@ def test_a_law_of_another_controller_is_refused(tmp_path):
         hf.explore(str(tmp_path / "mine.toml"))
 
 
+@pytest.mark.heavy
 def test_a_link_holds_what_is_seen(chromium, written):
     with opened(chromium, written("inspection", *SHORT)) as page:
         page.page.evaluate(

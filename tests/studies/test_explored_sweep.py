@@ -215,6 +215,7 @@ def test_a_number_that_decides_more_is_refused(cart, folder):
         hf.explore(str(folder / "kernel.nc"))
 
 
+@pytest.mark.heavy
 def test_a_file_that_does_not_say_its_sweep_is_refused(swept, cart, folder):
     _, path = swept(cart, OVER)
     table, damaged = path.parent / "sweep.nc", folder / "damaged.nc"

@@ -94,6 +94,7 @@ def test_scenario_of_the_log_has_the_vehicle_the_bound_and_a_filter_that_counts_
     assert values["Xuu"] == pytest.approx(videoray_found.values["Xuu"], rel=1e-6)
 
 
+@pytest.mark.heavy
 def test_filter_that_counts_the_bound_keeps_what_one_without_it_loses(tmp_path, videoray_found):
     write_identified(videoray_found, subject_of("inspection"), tmp_path, figures=False)
     path = str(tmp_path / "identified.toml")

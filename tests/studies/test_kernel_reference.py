@@ -95,6 +95,7 @@ def room(starts, a_max):
 STRENGTH = {"weak": 1.0, "strong": 2.0}
 
 
+@pytest.mark.heavy
 @pytest.mark.slow("weak")
 @pytest.mark.parametrize("case", STRENGTH)
 def test_starts_are_judged_by_the_exact_kernel_of_the_cart_of_their_case(found, starts, case):

@@ -29,7 +29,10 @@ def found(times=None, precision="float64"):
     return value.tried(hf.check_promise(cart(), value, WALLS, runs=20))
 
 
-@pytest.fixture(scope="module", params=["last", "times", "single"])
+HEAVY = [pytest.param(name, marks=pytest.mark.heavy) for name in ("last", "single")]
+
+
+@pytest.fixture(scope="module", params=["times", *HEAVY])
 def both(request, tmp_path_factory):
     value = {
         "last": lambda: found(),
@@ -50,7 +53,6 @@ def by_slopes(monkeypatch):
     monkeypatch.setattr(safety_filter, "sampled_value", lambda *of: None)
 
 
-@pytest.mark.few("times")
 def test_every_decision_has_the_bits_of_the_kernel_in_memory(both):
     rng = np.random.default_rng(2)
     inside, stored = filters(both)
@@ -66,7 +68,6 @@ def test_every_decision_has_the_bits_of_the_kernel_in_memory(both):
     assert outside[0].input.tobytes() == outside[1].input.tobytes()
 
 
-@pytest.mark.few("times")
 def test_many_states_have_the_same_bits(both):
     rng = np.random.default_rng(3)
     states, commands = rng.uniform(-1.4, 1.4, (200, 2)), rng.uniform(-1, 1, (200, 1))
@@ -176,7 +177,6 @@ def test_few_runs_read_some_chunks_and_many_the_whole_table(tmp_path):
         assert table._whole is not None
 
 
-@pytest.mark.few("times")
 def test_a_law_that_is_forgotten_gives_its_pages_back_at_once(both, monkeypatch):
     monkeypatch.setattr(table_in_parts, "is_room_for", lambda needed: False)
 

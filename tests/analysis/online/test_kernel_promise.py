@@ -82,6 +82,7 @@ def test_promise_that_fell_short_is_remembered_by_the_file(tmp_path):
     assert only.category is hf.PromiseFellShortWarning
 
 
+@pytest.mark.heavy
 def test_set_that_is_worn_away_has_to_be_tried_anew():
     system = drifting()
     grid = hf.grid(system, {"x": (-1.3, 1.3)}, 261)

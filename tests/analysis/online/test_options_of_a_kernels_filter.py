@@ -47,6 +47,7 @@ def least(kernel, keep, wanted, start, seen=slice(None), seconds=8.0):
     return found
 
 
+@pytest.mark.few("options1-1.0", "options3--1.0", "options3-1.0", "options4-1.0", "options6-1.0")
 @pytest.mark.slow(
     "options0--1.0",
     "options1--1.0",

@@ -142,6 +142,7 @@ def test_every_name_at_file_scope_begins_with_the_name_of_the_law(laws):
     assert not [n for n in names if not n.startswith(("keep_", "KEEP_"))]
 
 
+@pytest.mark.heavy
 def test_header_stands_in_the_file_of_c_word_for_word(laws):
     system, law = laws["dock"]
     header, text = hf.export_c_header(system, law, "dock"), hf.export_c(system, law, "dock")

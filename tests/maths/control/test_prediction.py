@@ -176,6 +176,7 @@ def test_kernel_and_a_region_are_kept_in_order_of_measurements_that_are_late(ker
         assert first.step(q, [1.0]).input == pytest.approx(alone.step(q, [1.0]).input, abs=1e-9)
 
 
+@pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore")
 def test_simulation_with_a_delay_is_that_of_the_filter_sample_by_sample(kernel):
     push = hf.Law("push", CAR.states, {"w": sp.S.One})

@@ -93,6 +93,7 @@ def result():
     return load_scenario("ch4-unicycle", ["run.horizon=10"], 60).run()
 
 
+@pytest.mark.heavy
 def test_every_point_of_a_path_is_on_the_line_that_is_drawn(result):
     drawn = paths_data(result, ("x", "y"))
     limits = [drawn["layout"][a]["range"] for a in ("xaxis", "yaxis")]

@@ -81,6 +81,7 @@ def test_every_start_of_the_whole_of_k_arrives_without_a_limit_of_the_heading(wh
     assert free.dataset["infeasible"].values.max() == 0
 
 
+@pytest.mark.heavy
 def test_limit_of_the_heading_costs_one_start_beyond_it(whole):
     """Two centimetres from the wall, at 86 degrees: too near by up to 2 cm."""
     limited, _ = whole
