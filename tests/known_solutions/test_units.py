@@ -42,7 +42,8 @@ def within(limit):
 def solved(kind, scheme, second=1.0, metre=1.0, radian=1.0, horizon=HORIZON):
     """The problem with so many of the new units in one of the old."""
     box = {"x": (-1.3 * metre, 1.3 * metre), "theta": (-1.8 * radian, 1.8 * radian)}
-    grid = hf.grid(STEERED, box, 41, ends={"x": "extrapolated", "theta": "extrapolated"})
+    ends = "limited" if kind == "forward_reachable_set" else "extrapolated"  # it goes past them
+    grid = hf.grid(STEERED, box, 41, ends=dict.fromkeys(box, ends))
     parameters = {"gain": metre / (radian * second), "rate": radian / second, "limit": metre}
     regions = [within(LIMIT)]
     if kind in ("backward_reachable_tube", "forward_reachable_set"):

@@ -143,18 +143,22 @@ def test_vehicle_that_is_told_the_current_seldom_changes_its_leg(results):
 
 @pytest.mark.heavy
 def test_starts_that_a_measured_current_takes_lie_millimetres_before_a_limit():
-    """Of 2,400 starts five: within 5 mm or 5 mrad of a limit, across it by 4 mm within 0.1 s."""
+    """Of 2,400 starts three: within 4 mm or 4 mrad of a limit, across it by 2 mm within 0.1 s.
+
+    In 62 runs the conditions cannot all be met for up to 94 steps of 20 ms.
+    """
     data = (
         variant("inspection", "inspection", "current", 2400, ["run.record_every=150.0"])
         .run()
         .dataset
     )
     lost = np.flatnonzero(data["outcome"].values == hf.Outcome.LEFT)
-    assert len(lost) == 5
+    assert len(lost) == 3
     assert data["exit_time"].values[lost].max() < 0.1
-    assert data["constraint"].values[lost, 0].max(axis=1).min() > -5e-3
-    assert data["worst_constraint"].values[lost].max() < 4e-3
-    assert data["infeasible"].values.max() == 0
+    assert data["constraint"].values[lost, 0].max(axis=1).min() > -4e-3
+    assert data["worst_constraint"].values[lost].max() == pytest.approx(2e-3, abs=5e-5)
+    unmet = data["infeasible"].values
+    assert (np.count_nonzero(unmet), unmet.max(), np.count_nonzero(unmet[lost])) == (62, 94, 1)
 
 
 def test_numbers_of_the_readme_are_these():

@@ -155,9 +155,9 @@ def test_kernel_of_the_worst_slip_is_kept():
 @pytest.mark.parametrize(
     ("limit", "low", "high"),
     [
-        ("slip_limit", 0.3816, 0.3825),
-        ("skid_limit", 0.1406, 0.1416),
-        ("turn_slip_limit", 0.9516, 0.9539),
+        ("slip_limit", 0.3741, 0.3750),
+        ("skid_limit", 0.1444, 0.1453),
+        ("turn_slip_limit", 0.9609, 0.9633),
     ],
 )
 def test_slip_that_is_too_much_is_found_by_the_margin(limit, low, high):
