@@ -45,6 +45,9 @@ RECORD, REASONS = (Path(__file__).with_suffix(ending) for ending in (".json", ".
 LONGER = 4
 """A mutant that takes so many times the time of a processor as the true code goes on for ever."""
 
+MARKS = ("not heavy", "heavy")
+"""The tests of the second mark are run where all of the first pass."""
+
 PARTS = {
     # part: its files below src, or functions and classes of one, and the tests that hold it
     "quadratic program": (
@@ -153,8 +156,9 @@ def replaced(tree: ast.Module, node: ast.AST, other: ast.AST) -> str:
     return ast.unparse(ast.fix_missing_locations(Exchange().visit(fresh)))
 
 
-def passes(copied: Path, tests: list[str], seconds: int) -> bool:
-    """Whether all tests pass with the sources of a copy, in so many seconds of a processor.
+def passes(copied: Path, tests: list[str], mark: str, seconds: int) -> bool:
+    """Whether all tests of a mark pass with the sources of a copy, in so many seconds of a
+    processor.
 
     They run in a child of this process, which has the libraries already (`LIBRARIES`).
     """
@@ -168,8 +172,9 @@ def passes(copied: Path, tests: list[str], seconds: int) -> bool:
         sys.path[:1] = places
         os.environ["PYTHONPATH"] = os.pathsep.join(places)
         os.chdir(copied)
-        words = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
-        os._exit(int(pytest.main(words)))
+        words = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-m", mark, *tests]
+        status = pytest.main(words)
+        os._exit(0 if status == pytest.ExitCode.NO_TESTS_COLLECTED else int(status))
     return os.waitpid(child, 0)[1] == 0
 
 
@@ -187,10 +192,12 @@ def outcomes(
     with tempfile.TemporaryDirectory() as folder:
         copied = Path(folder) / "tree"
         shutil.copytree(ROOT, copied, ignore=shutil.ignore_patterns(".git", "runs", "__pycache__"))
-        begun = used()
-        if not passes(copied, tests, 3600):
-            raise SystemExit(f"the tests of the {part} fail as they are: {' '.join(tests)}")
-        seconds = math.ceil(LONGER * (used() - begun))
+        seconds = {}
+        for mark in MARKS:
+            begun = used()
+            if not passes(copied, tests, mark, 3600):
+                raise SystemExit(f"the tests of the {part} fail as they are: {' '.join(tests)}")
+            seconds[mark] = math.ceil(LONGER * (used() - begun))
         every = [
             (copied / "src" / name, *mutant)
             for name, _, places in (entry.partition("::") for entry in files)
@@ -202,7 +209,7 @@ def outcomes(
             file, says, *exchange = drawn[number]
             true = file.read_text("utf-8")
             file.write_text(replaced(*exchange), "utf-8")
-            lives = passes(copied, tests, seconds)
+            lives = all(passes(copied, tests, mark, seconds[mark]) for mark in MARKS)
             file.write_text(true, "utf-8")
             print(f"{part} {number}: {'LIVES' if lives else 'found'}: {says}", flush=True)
             yield number, says, lives
