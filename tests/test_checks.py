@@ -82,7 +82,6 @@ def test_cases_that_the_fast_run_has_are_cases_of_their_tests(pytestconfig):
     assert not pytestconfig.stash[NO_CASE]
 
 
-@pytest.mark.skipif(not RECORD.exists(), reason="benchmarks/whole.py was not run yet")
 def test_every_test_that_the_fast_run_leaves_out_has_passed_in_the_record(pytestconfig):
     """Else: `python benchmarks/whole.py --missing`, or all of it, and commit the record."""
     verdicts, left_out = (
