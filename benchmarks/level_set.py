@@ -73,6 +73,7 @@ class Row:
             "one thread": partial(self.ours, skip=False, threads=1),
             "peer": self.peer.march,
             "ours": self.ours,
+            "answer": partial(self.ours, alone=False),
         }
 
     def prepare(self) -> None:
@@ -140,13 +141,14 @@ def show(found: list[Row], threads: int) -> None:
     print("Seconds\n")
     table(
         ("set", "nodes", "scheme", "steps", "ours", "whole call", "computed", "every node",
-         "one thread", "peer", "ratio", "every node", "first call", "peer"),
+         "one thread", "peer", "ratio", "every node", "answer", "ratio", "first call", "peer"),
         [
             (*named(r), str(r.problem.steps), f"{r.least('ours'):.3f}",
              f"{r.least('ours, whole call'):.3f}", f"{100 * r.computed:.0f} %",
              f"{r.least('every node'):.3f}", f"{r.least('one thread'):.3f}",
              f"{r.least('peer'):.3f}", f"**{r.least('peer') / r.least('ours'):.1f}**",
-             f"{r.least('peer') / r.least('every node'):.1f}", f"{r.first['ours']:.1f}",
+             f"{r.least('peer') / r.least('every node'):.1f}", f"{r.least('answer'):.3f}",
+             f"{r.least('peer') / r.least('answer'):.1f}", f"{r.first['ours']:.1f}",
              f"{r.first['peer']:.1f}")
             for r in found
         ],

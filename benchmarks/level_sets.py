@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import sympy as sp
@@ -19,7 +21,7 @@ from task import array_functions
 
 import holdfast as hf
 from holdfast.analysis.reachability.grid import Grid
-from holdfast.analysis.reachability.problem import with_disturbance
+from holdfast.analysis.reachability.problem import Posed, with_disturbance
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.execution.level_set.march import METHODS
 
@@ -66,14 +68,20 @@ class LevelSet:
         fastest = sp.lambdify(states, of.subs(numbers), [array_functions(np), "numpy"])
         return self.steps * 0.75 / np.max(fastest(*np.ix_(*(a.nodes for a in axes))))
 
-    def march(self, scheme: str, **options: Any) -> tuple[Array, dict[str, Any]]:
+    def march(
+        self, scheme: str, *, alone: bool = True, **options: Any
+    ) -> tuple[Array, dict[str, Any]]:
         """The values, and what is said of the march.
 
         The peer calls the local dissipation global, and goes to the end whatever happens.
+        alone: without the other march that holds a set to what is safe (`docs/kernels.md`), which
+        the peer does not have.
         """
         options = {"dissipation": "local", "tolerance": NEVER} | options
-        found = self.find(self.system, self.region, self.grid, self.final, scheme=scheme, **options)
-        return found.values(), found.dataset.attrs
+        find = partial(self.find, self.system, self.region, self.grid, self.final)
+        with patch.object(Posed, "marched_twice", False) if alone else nullcontext():
+            value = find(scheme=scheme, **options)
+        return value.values(), value.dataset.attrs
 
     @property
     def margin(self) -> Array:

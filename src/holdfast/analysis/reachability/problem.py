@@ -10,6 +10,7 @@ import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypedDict
 
@@ -366,7 +367,7 @@ class Posed:
         """The parameters of the system and its regions, without the disturbances given."""
         return tuple(q for q in self.parameters if not q.name.startswith(GIVEN))
 
-    @property
+    @cached_property
     def varies(self) -> bool:
         """Whether anything depends on time."""
         rates = self.system.rates.values()

@@ -5,7 +5,7 @@ for every axis: nodes, those of the coarser grid, those of a block (even), block
 that is periodic. Threads share the blocks of each function as those of a sweep (`sweep.py`). All
 arrays have one dimension; n is the number of axes, and the last axis is the fastest:
 
-    turn                    (1,)            of the slices the next that no thread has
+    turn                    (1 + slices,)   as `stencils.py` says
     slices                  (slices + 1,)   the blocks that they begin at, and the end
     of                      (5 * n,)        five numbers of every axis, one kind after the other
     blocks                  (chosen,)       their numbers, in the order of the grid of blocks
@@ -16,10 +16,11 @@ arrays have one dimension; n is the number of axes, and the last axis is the fas
     out                     (nodes,)        of `between` (count,), a part of a row
     begin, count, index     (n,)            of a block its first node and its nodes; a row's place
     shape                   (n,)
-    own                     (2,)            of a thread: the place after its last, and its end
+    own                     (4,)            of a thread: the place after its last, the end of its
+                                            slice, and `tried` of `stencils.py`
     numbers                 (2,)            the side, and the least value that counts
     counts                  (3,)            of a thread; the last is its largest share
-    room                    (8 * n + 2,)    own, begin, count and index; then `of` of a thin grid
+    room                    (8 * n + 4,)    own, begin, count and index; then `of` of a thin grid
     rows                    ((2^(n - 1) + 2) * (block + 2),)  a row for every corner, and one more
 """
 
@@ -38,11 +39,11 @@ CROSSED_HIGH = 4  # near its end
 def following(turn: Wholes, slices: Wholes, slice_count: int, own: Wholes) -> int:
     """The next place of a thread's own slice, or of the next slice that no thread has; then -1.
 
-    own: the place after the last one, and the end of its slice; 0 and 0 to begin with.
+    own: 0 to begin with.
     """
     if own[0] >= own[1]:
-        slice_ = take(turn) % MOST_SLICES
-        if slice_ >= slice_count:
+        slice_ = next_slice(turn, slice_count, own[2:])
+        if slice_ < 0:
             return -1
         own[0], own[1] = slices[slice_], slices[slice_ + 1]
     own[0] = own[0] + 1
@@ -139,7 +140,7 @@ def fill(
 
     targets: addresses of the values. upper, lower: addresses of the bounds, or 0.
     """
-    own, begin, count, index = room, room[2:], room[2 + n :], room[2 + 2 * n :]
+    own, begin, count, index = room, room[4:], room[4 + n :], room[4 + 2 * n :]
     last = n - 1
     pitch = of[2 * n + last] // 2 + 1
     row = rows[(1 << last) * pitch :]
@@ -201,8 +202,8 @@ def look_over(
     values: Values, coarse: Values, reach: int, found: Flags, room: Wholes, rows: Values,
 ):  # fmt: skip
     """Where the sign changes in every block: on its grid in chosen ones, else on the coarser."""
-    own, begin, count, index = room, room[2:], room[2 + n :], room[2 + 2 * n :]
-    thin = room[2 + 3 * n :]
+    own, begin, count, index = room, room[4:], room[4 + n :], room[4 + 2 * n :]
+    thin = room[4 + 3 * n :]
     for i in range(n):
         thin[i] = of[n + i]
         thin[4 * n + i] = of[4 * n + i]
@@ -223,7 +224,7 @@ def hand_down(
     values: Values, coarse: Values, room: Wholes, rows: Values,
 ):  # fmt: skip
     """The values of blocks to the nodes of the coarser grid in them."""
-    own, begin, count, index = room, room[2:], room[2 + n :], room[2 + 2 * n :]
+    own, begin, count, index = room, room[4:], room[4 + n :], room[4 + 2 * n :]
     last, thin = n - 1, of[n:]
     while True:
         k = following(turn, slices, slice_count, own)
@@ -247,7 +248,7 @@ def take_over(
     values: Values, out: Values, room: Wholes, rows: Values,
 ):  # fmt: skip
     """The values of blocks to another array of the same grid."""
-    own, begin, count, index = room, room[2:], room[2 + n :], room[2 + 2 * n :]
+    own, begin, count, index = room, room[4:], room[4 + n :], room[4 + 2 * n :]
     last = n - 1
     while True:
         k = following(turn, slices, slice_count, own)
@@ -272,7 +273,7 @@ def losses(
     numbers: 1 or -1, the side; values nearer to zero count as so large.
     """
     side, nearest = numbers[0], numbers[1]
-    own, begin, count, index = room, room[2:], room[2 + n :], room[2 + 2 * n :]
+    own, begin, count, index = room, room[4:], room[4 + n :], room[4 + 2 * n :]
     last, thin = n - 1, of[n:]
     most = 0.0
     while True:

@@ -486,6 +486,7 @@ class March:
         self.clock = clock
         self.varying = any(e.has(TIME) for e in (hamiltonian.value, *hamiltonian.speeds))
         self.speeds = np.zeros(len(axes))  # largest along every axis, for a global dissipation
+        self.crossing = 0.0  # the time to cross a cell at the largest along the slowest axis [s]
         symbols = [q.symbol for q in hamiltonian.system.states]
         largest = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
         self.fastest = fastest or largest.at
@@ -493,6 +494,7 @@ class March:
         self.leeway = self.share * start_rate if filtered else math.inf
         ends = np.zeros((len(axes), 4)) if falls is None else falls
         # One row (axes,) for each of the four: a stage has its numbers of all axes side by side.
+        self._numbers: dict[float, tuple[tuple[float, float, Within], Array]] = {}
         self.falls = [*(ends[:, :2].T * self.steps), *ends[:, 2:].T]
 
     @property
@@ -522,6 +524,8 @@ class March:
         Infinite where nothing moves. Raises `SimulationError` where a rate is not finite.
         """
         self.speeds[:], total = self.fastest([self._time(tau) for tau in at])
+        moving = self.speeds > 0
+        self.crossing = float((self.steps[moving] / self.speeds[moving]).max(initial=0.0))
         for i in np.flatnonzero(~np.isfinite(self.speeds)):
             bad = [tau for tau in at if not np.isfinite(self._speed(int(i), tau)).all()]
             raise self._not_finite(int(i), bad[0])
@@ -565,12 +569,6 @@ class March:
             expected="rates that are finite and speeds that are bounded there",
             remedy="leave these states out of the grid, or take a smaller cfl or a lower order",
         )
-
-    @property
-    def crossing(self) -> float:
-        """The time to cross a cell at the largest speed along the slowest axis [s]."""
-        moving = self.speeds > 0
-        return float((self.steps[moving] / self.speeds[moving]).max(initial=0.0))
 
     def _time(self, tau: float) -> float:
         return self.clock[0] + self.clock[1] * tau
@@ -658,15 +656,22 @@ class March:
     def u(self, tau: float) -> Array:
         """What is the same at all nodes: the time, the parameters, the largest speeds, shape
         (1 + parameters + axes,)."""
-        return np.concatenate([[self._time(tau)], self.p, self.speeds])
+        u = np.empty(1 + len(self.p) + len(self.speeds))
+        u[0], u[1 : 1 + len(self.p)], u[1 + len(self.p) :] = self._time(tau), self.p, self.speeds
+        return u
 
     def numbers(self, dt: float, weight: float, within: Within) -> Array:
         """Those of a stage of a step of dt, shape (8 + 6 * axes,), in the order of
         `names_of_numbers` (`stage_leaf.py`)."""
-        per_axis = (0.5 / self.steps, self.steps, *self.falls)
-        of_filter = (self.leeway, self.share, self.bent)
-        of_step = (dt * self.method.steps.share, weight, *within)
-        return np.array([*of_step, *of_filter, *np.concatenate(per_axis)])
+        step = dt, weight, within
+        last, numbers = self._numbers.get(weight, (None, None))
+        if numbers is None or last != step:  # most steps of a march are equally long
+            per_axis = (0.5 / self.steps, self.steps, *self.falls)
+            of_filter = (self.leeway, self.share, self.bent)
+            of_step = (dt * self.method.steps.share, weight, *within)
+            numbers = np.array([*of_step, *of_filter, *np.concatenate(per_axis)])
+            self._numbers[weight] = step, numbers
+        return numbers
 
     def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
         """Start and length of every step [s], and which of `times` it ends at."""

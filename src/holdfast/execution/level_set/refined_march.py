@@ -53,6 +53,7 @@ from holdfast.execution.level_set.sweeping import (
     Bounds,
     Counts,
     MarchArrays,
+    Shared,
     Within,
     Workers,
     address,
@@ -231,14 +232,13 @@ class BlockCode:
         """One of them for blocks of so many nodes along each axis, as `Workers.run` calls it."""
         code, counts_too = self._functions[name], name == ENTRIES[-1]
         # For every thread its own: `room` and `rows` in `block_sweep.py`.
-        wholes, values = 8 * len(sizes) + 2, (2 ** (len(sizes) - 1) + 2) * (sizes[-1] + 2)
+        wholes, values = 8 * len(sizes) + 4, (2 ** (len(sizes) - 1) + 2) * (sizes[-1] + 2)
 
-        def called(turn: Numbers, slices: Numbers, *arguments: Any) -> None:
+        def called(shared: Shared, *arguments: Any) -> None:
             room, rows = np.zeros(wholes, dtype=np.int64), np.empty(values, dtype=self._kind)
             counted = [address(arguments[-1])] if counts_too else []
             code(
-                address(turn), address(slices), len(slices) - 1, *arguments[:-1], *counted,
-                address(room), address(rows),
+                *shared, *arguments[:-1], *counted, address(room), address(rows),
             )  # fmt: skip
 
         return called
@@ -265,8 +265,8 @@ class BlockTasks:
         if count * math.prod(self._blocks.sizes) > ALONE:
             self._workers.share(0, count)
             return self._workers.run(function, *arguments)
-        counts = np.zeros(3)
-        function(np.zeros(1, dtype=np.int64), np.array([0, count]), *arguments, counts)
+        counts, turn, slices = np.zeros(3), np.zeros(2, dtype=np.int64), np.array([0, count])
+        function((address(turn), address(slices), 1), *arguments, counts)
         return counts
 
     def _of_chosen(self, name: str, chosen: Flags, *arguments: Any) -> None:

@@ -9,8 +9,10 @@ arrays have one dimension; n is the number of axes:
     shape           (n,)
     places          (n * pitch,)     for every axis, at which place of it the reflected node is
     chosen          (many_chosen,)   places along an axis
-    turn, own, other    (1,)         counters of threads
-    slices          (parts + 1,)     the places that slices begin at, and the end
+    turn            (1 + slices,)    the threads of a stage so far, and of each slice, once taken
+    slices          (slices + 1,)    the places that slices begin at, and the end
+    tried           (2,)             of a thread: how many slices, and the first of them
+    counter, other  (1,)             of threads
     marks, flags    (units,)
 """
 
@@ -31,15 +33,34 @@ CHANGED, ODD, MOVES, ALONG, OF_ROW, OUTER, NUMBERS, SLOPES = range(7, 15)
 
 FALLS = 8  # numbers of a stage before those of axes, as in `stage_leaf.py`
 
-MOST_SLICES = 1 << 20  # the turns of a stage; the next stage has the next so many
+SHARE = 8  # slices of a thread, at most
+MOST_THREADS = 1 << 20  # the turns of a stage; the next stage has the next so many
 
 
-def watch(own: Wholes, other: Wholes, value: int, times: int):
+def watch(counter: Wholes, other: Wholes, value: int, times: int):
     """Counts its own start, and waits until the other reaches the value, within so many reads."""
-    take(own)
+    take(counter)
     for _k in range(times):
         if look(other) >= value:
             return
+
+
+def next_slice(turn: Wholes, slice_count: int, tried: Wholes) -> int:
+    """The next slice that no thread has; then -1.
+
+    A thread has the same slices in every stage, whose values its core then has at hand, and when it
+    has done with them takes what is left of the others', the last first. tried: 0 and 0 to begin
+    with.
+    """
+    if tried[0] == 0:
+        tried[1] = take(turn) % MOST_THREADS * SHARE
+    while tried[0] < slice_count:
+        ahead = tried[0] if tried[0] < SHARE else slice_count + SHARE - 1 - tried[0]
+        slice_ = (tried[1] + ahead) % slice_count
+        tried[0] = tried[0] + 1
+        if take(turn[1 + slice_ :]) == 0:
+            return slice_
+    return -1
 
 
 def beyond(edge: Value, inner: Value, distance: Value, fall: Value, lowest: Value) -> Value:
@@ -152,8 +173,9 @@ def reflected(place: int, n: int, shape: Wholes, places: Wholes, pitch: int) -> 
 
 
 def mirror(
-    turn: Wholes, slices: Wholes, parts: int, values: Values, size: int, shape: Wholes,
+    turn: Wholes, slices: Wholes, slice_count: int, values: Values, size: int, shape: Wholes,
     n: int, places: Wholes, pitch: int, axis: int, chosen: Wholes, many_chosen: int,
+    tried: Wholes,
 ):  # fmt: skip
     """Values at the chosen places along an axis, from the nodes that they reflect.
 
@@ -168,10 +190,10 @@ def mirror(
     there = shape[axis] if of_row else 1
     rows = size // nodes // there * many
     while True:
-        part = take(turn) % MOST_SLICES
-        if part >= parts:
+        part = next_slice(turn, slice_count, tried)
+        if part < 0:
             break
-        first, last, whole = slices[part], slices[part + 1], slices[parts]
+        first, last, whole = slices[part], slices[part + 1], slices[slice_count]
         for k in range(rows * first // whole, rows * last // whole):
             row = k // inner // many * there * inner + k % inner
             if of_row:

@@ -6,7 +6,7 @@ nothing that it depends on has changed since it was computed last. Units that fo
 a run, which is computed in one go. A block is what belongs to a place of all axes but the last two.
 All arrays have one dimension; n is the number of axes, and `SweepCode.room` has the sizes of rooms:
 
-    turn                        (1,)                 of the slices the next that no thread has
+    turn                        (1 + slice_count,)   as `stencils.py` says
     slices                      (slice_count + 1,)   the places that they begin at, and the end
     counts                      (3,)
     values, base, out, before   (size,)              nodes, the last axis is the fastest
@@ -20,7 +20,7 @@ All arrays have one dimension; n is the number of axes, and `SweepCode.room` has
     axes                        (n * axis_pitch,)    the nodes of every axis
     axis                        (nodes,)             those of the last
     bits                        (WORDS,)             one for each node of a run
-    wholes                      (SLOPES + 2 * WORDS + 9 * n + 10 + units kept,)
+    wholes                      (SLOPES + 2 * WORDS + 9 * n + 12 + units kept,)
     reals                       ((n + of_row + outer) * PITCH + ...,)
     held                        ((stretches * along + of_row + ARRAYS + 1) * PITCH + slopes,)
     rows, room, work, table     (rows * PITCH,)      parts of `reals` and `held`
@@ -107,7 +107,7 @@ def sweep(
     own: Flags, own_count: int, units: int, shape: Wholes, n: int, cut: Wholes,
     kinds: Wholes, leaves: Wholes, sizes: Wholes, axes: Floats, axis_pitch: int,
 ):  # fmt: skip
-    """One stage of a step over the blocks, or units, that the slices taken in turn end at.
+    """One stage of a step over the blocks, or units, of the slices that this thread takes.
 
     counts: units computed, nodes that are not finite, the largest move. wholes, reals, held: room.
     u: time, parameters, largest speeds. numbers: those of a stage. upper, lower: addresses, or 0.
@@ -127,7 +127,9 @@ def sweep(
     odd = changed[WORDS:]
     strides = odd[WORDS:]
     within, index = strides[n:], strides[2 * n :]
-    kept = strides[3 * n :]
+    tried = strides[3 * n :]
+    kept = tried[2:]
+    tried[0], tried[1] = 0, 0
     in_rows, of_rows = reals, reals[n * PITCH :]
     of_row_at = stretches * along * PITCH
     arrays = held[of_row_at + of_row * PITCH :]
@@ -151,8 +153,8 @@ def sweep(
     falls = numbers[FALLS + 2 * n :]
     wrong, computed, of_block = 0, 0, -1
     while True:
-        slice_ = take(turn) % MOST_SLICES
-        if slice_ >= slice_count:
+        slice_ = next_slice(turn, slice_count, tried)
+        if slice_ < 0:
             break
         first, end = slices[slice_], slices[slice_ + 1]
         part_first, parts, first_block, blocks = first, end, 0, 1

@@ -17,7 +17,8 @@ Half of a grid may tell the other half: which units are computed, and what is co
     values, upper, lower    (nodes,)                of the planes held, the last axis is the fastest
     u                       (1 + parameters + axes,)
     numbers                 (8 + 6 * axes,)         those of a stage, as `names_of_numbers` says
-    turn, counter, other    (1,)
+    turn                    (1 + slices,)           as `stencils.py` says
+    counter, other          (1,)
     slices                  (slices + 1,)           the places that they begin at, and the end
     counts                  (3,)                    units computed, nodes not finite, largest move
 """
@@ -50,6 +51,10 @@ Numbers = npt.NDArray[Any]
 
 NumbersNeeded = tuple[int, int, int]
 
+Shared = tuple[int, int, int]
+"""What the threads of `Workers` share: the addresses of `turn` and `slices`, and how many slices
+there are."""
+
 LINE = 64
 """Bytes of a line of the processor's cache."""
 
@@ -71,7 +76,7 @@ class SweepCode:
         self._sweep, self._mirror, self._watch = (
             self._machine.function(name, len(parsed.functions[name].parameters)) for name in entries
         )
-        self.turns = self.constants["MOST_SLICES"]
+        self.turns = self.constants["MOST_THREADS"]
         self._held = threading.local()
 
     def room(self, shape: Sequence[int], cut: Sequence[int], sizes: Sequence[int]) -> NumbersNeeded:
@@ -79,7 +84,7 @@ class SweepCode:
         of, n, nodes = self.constants, len(shape), shape[-1]
         local, stretches = cut[1] * cut[2], cut[2]
         (along, of_row, outer), plain = sizes[:3], sizes[5]
-        wholes, held = of["SLOPES"] + 2 * of["WORDS"] + 9 * n + 10, 2 * n * of["PITCH"]
+        wholes, held = of["SLOPES"] + 2 * of["WORDS"] + 9 * n + 12, 2 * n * of["PITCH"]
         if not self.one_slope:
             held = (2 + 2 * plain) * of["ENDS"] * n + of["GATHERED"] + of["VECTOR"]
             units, stride = local, shape[-1] * (shape[-2] if n > 1 else 1)
@@ -93,14 +98,13 @@ class SweepCode:
 
     def sweep(
         self,
-        turn: Numbers,
-        slices: Numbers,
+        shared: Shared,
         room: NumbersNeeded,
         arguments: Sequence[int],
         counts: Numbers,
     ) -> None:
         """A stage of a step, with memory of its own. arguments: those from `u` on."""
-        self._sweep(*_shared(turn, slices), address(counts), *self._memory(room), *arguments)
+        self._sweep(*shared, address(counts), *self._memory(room), *arguments)
 
     def _memory(self, room: NumbersNeeded) -> tuple[int, int, int]:
         """Its addresses, of this thread: that of the last sweep if it was as large."""
@@ -114,14 +118,16 @@ class SweepCode:
         return places
 
     def mirror(
-        self, turn: Numbers, slices: Numbers, values: Numbers, shape: Numbers, places: Numbers,
-        axis: int, chosen: Numbers, counts: Numbers,
+        self, shared: Shared, values: Numbers, shape: Numbers, places: Numbers, axis: int,
+        chosen: Numbers, counts: Numbers,
     ) -> None:  # fmt: skip
         """Values at the chosen places along an axis, (chosen,), from the nodes that they reflect.
         shape: (axes,); places: (axes, nodes of the longest)."""
+        tried = np.zeros(2, dtype=np.int64)
         self._mirror(
-            *_shared(turn, slices), address(values), len(values), address(shape), len(shape),
+            *shared, address(values), len(values), address(shape), len(shape),
             address(places), places.shape[1], axis, address(chosen), len(chosen),
+            address(tried),
         )  # fmt: skip
 
     def watch(self, counter: Numbers, other: Numbers, value: int, times: int) -> None:
@@ -138,10 +144,6 @@ def sweep_code(precision: str, *, one_slope: bool) -> SweepCode:
 def address(array: Numbers) -> int:
     """Of an array of any shape, whose numbers follow one another."""
     return int(array.ctypes.data)
-
-
-def _shared(turn: Numbers, slices: Numbers) -> tuple[int, int, int]:
-    return address(turn), address(slices), len(slices) - 1
 
 
 LONGEST = 128
@@ -204,26 +206,25 @@ SPINS = 100_000
 class Workers:
     """Threads of which the caller is one; to be used in a `with` statement.
 
-    Each takes the next slice of the places when it has done one. Slices become shorter, so that
-    all end at about the same time.
+    Each has slices of the places of its own, and when it has done with them takes one after the
+    other of what is left, so that all end at about the same time.
     """
 
     def __init__(self, code: SweepCode, threads: int, places: int) -> None:
         self.watch, self.turns = code.watch, code.turns
-        self._threads = threads
+        self._slice_count = code.constants["SHARE"] * threads
+        self.turn = np.zeros(1 + self._slice_count, dtype=np.int64)
         self.share(0, places)
         self._others = [_Other(self, k) for k in range(1, threads)]
         self._waits = np.zeros(1, dtype=np.int64)
         self.stage = 0
-        self.turn = np.zeros(1, dtype=np.int64)
         self.job: Callable[[], Counts] | None = None
 
     def share(self, first: int, last: int) -> None:
         """The places that are shared in the stages to come."""
-        slices = [first]
-        while slices[-1] < last:
-            slices.append(slices[-1] + max(1, (last - slices[-1]) // (2 * self._threads)))
-        self._slices = np.array(slices)
+        count = min(self._slice_count, last - first)
+        self._slices = first + np.arange(count + 1) * (last - first) // max(count, 1)
+        self._shared = address(self.turn), address(self._slices), count
 
     def __enter__(self) -> Workers:
         for other in self._others:
@@ -238,6 +239,7 @@ class Workers:
     def _begin(self, job: Callable[[], Counts] | None) -> None:
         self.job = job
         self.stage += 1
+        self.turn[1:] = 0
         self.turn[0] = self.stage * self.turns
         for other in self._others:
             if other.go.locked():
@@ -248,7 +250,7 @@ class Workers:
 
         def job() -> Counts:
             counts = np.zeros(3)
-            function(self.turn, self._slices, *arguments, counts)
+            function(self._shared, *arguments, counts)
             return counts
 
         self._begin(job)
@@ -380,6 +382,8 @@ class MarchArrays:
         )
         self._leaves = {False: plain, True: measured}
         self.kept = upper, lower
+        self._turned = False
+        self._arguments: dict[tuple[int, bool, bool], list[int]] = {}
         self._room = march.code.room(march.shape.tolist(), march.cut.tolist(), self.sizes.tolist())
 
     def out(self, s: int) -> Array:
@@ -395,23 +399,32 @@ class MarchArrays:
 
     def swept(self, workers: Workers, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
         """A stage of the units at the places that the workers share; counts of the shape (3,)."""
+        stage = s, measures, self._turned
+        if stage not in self._arguments:
+            self._arguments[stage] = self._arguments_of(s, measures)
+        arguments = [address(u), address(numbers), *self._arguments[stage]]
+        return workers.run(self.march.code.sweep, self._room, arguments)
+
+    def _arguments_of(self, s: int, measures: bool) -> list[int]:
+        """Those of a sweep that every such stage has."""
         march, arrays, out = self.march, self.arrays, self.out(s)
         here, there, later = self.marks(s)
         before = arrays[0] if self.stages == 1 else out
-        return workers.run(march.code.sweep, self._room, [
-            *map(address, (u, numbers, arrays[s], arrays[0], out, before)),
+        return [
+            *map(address, (arrays[s], arrays[0], out, before)),
             *(0 if bound is None else address(bound) for bound in self.kept), len(out),
             *map(address, (here, there, later)), len(later), march.units,
             address(march.shape), len(march.shape), address(march.cut), address(march.kinds),
             address(self._leaves[measures]), address(self.sizes),
             address(march.axes), march.axes.shape[1],
-        ])  # fmt: skip
+        ]  # fmt: skip
 
     def ended(self, s: int) -> None:
         """After a stage: of a method with a single one the arrays change places."""
         if self.stages == 1:
             self.arrays.reverse()
             self.flags = self.flags[::-1]
+            self._turned = not self._turned
 
 
 class Bounds(Protocol):
