@@ -1,11 +1,13 @@
 """Gains against the sample time: what a held input bears, derived, run and refused."""
 
+import cmath
 import math
 import re
 
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.optimize import brentq
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, GainWarning, SimulationError
@@ -192,6 +194,24 @@ def test_delay_at_which_the_loop_of_a_condition_diverges_is_warned_of(double_int
     with pytest.warns(GainWarning, match="crossed ever further, whatever its margin"):
         hf.simulate(strong, guarded, delay=(limit + 1) * hold, record_every=0.5, **run)
     hf.simulate(strong, guarded, delay=(limit - 1) * hold, record_every=0.5, **run)  # not a word
+
+
+@pytest.mark.parametrize("gains", [(1.5, 8.0), (2.0, 6.0), (0.4, 0.5)])
+def test_delay_that_is_named_is_the_phase_margin_of_the_loop(double_integrator, wall, gains):
+    """|k1 k2 + j (k1 + k2) w| = w^2 where the open loop crosses 1, by a root that is searched for."""
+    s, p, hold = sum(gains), gains[0] * gains[1], 1e-3
+    w = brentq(lambda w: abs(p + 1j * s * w) / w**2 - 1, 1e-3, 1e3)
+    guarded = hf.safeguard(
+        double_integrator, pushed_out(double_integrator, a=0.1), wall, gains=gains
+    )
+    run = {"starts": [[0.0, 0.0]], "region": wall, "horizon": 11.0, "record_every": 11.0}
+    with pytest.warns(GainWarning) as warned:
+        hf.simulate(double_integrator, guarded, sample_time=hold, delay=10.0, **run)
+    (said,) = [str(one.message) for one in warned if "crossed ever further" in str(one.message)]
+    delay = float(re.search(r"beyond a delay of ([\d.]+) s", said)[1])
+    assert delay == pytest.approx(
+        cmath.phase(p + 1j * s * w) / w - hold / 2, rel=5e-3
+    )  # three digits
 
 
 def test_scenario_refuses_gains_that_its_sample_time_does_not_bear():
