@@ -105,6 +105,24 @@ def test_wide_error_of_what_is_not_measured_makes_the_filter_act_sooner(kernel):
 
 
 @pytest.mark.filterwarnings("ignore")
+def test_value_of_a_state_that_is_partly_estimated_is_that_of_the_estimate(kernel):
+    keep = hf.SafetyFilter(
+        CART, kernel, sample_time=HOLD, states=("x",), error_bounds={"x": 0.01, "v": 0.05}
+    )
+    assert keep.step([0.2], [0.0]).value == pytest.approx(
+        float(kernel.at([[0.2, 0.0]])[0]), abs=0.1
+    )
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_kernel_that_lasts_for_ever_has_no_time_that_is_past(kernel):
+    assert kernel.report.converged
+    keep = hf.SafetyFilter(CART, kernel, sample_time=HOLD)
+    assert keep.step([0.2, 0.0], [0.0], -5.0).status is keep.step([0.2, 0.0], [0.0], 5.0).status
+    assert keep.step([0.2, 0.0], [0.0], -5.0).status is hf.Status.PASSED
+
+
+@pytest.mark.filterwarnings("ignore")
 def test_filter_by_slopes_is_refused_where_a_state_has_an_error(kernel):
     with pytest.raises(DefinitionError, match=r"goes by the slope .* no error of 'v'"):
         hf.SafetyFilter(

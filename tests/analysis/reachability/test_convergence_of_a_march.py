@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.integrate import quad
 
 import holdfast as hf
 from holdfast.errors import SimulationError
+from holdfast.maths.definitions.quantity import TIME
 
 X, Y, U, A, B = (hf.symbol(n) for n in ("x", "y", "u", "a", "b"))
 DAY = 86400.0
@@ -104,6 +106,41 @@ def test_drift_that_is_small_beside_the_speeds_is_never_at_rest(scheme, horizon)
     if horizon >= 1.0:
         lost = found.dataset.attrs["residual_cells"]
         assert lost == pytest.approx(1e-4 * horizon / 0.024, rel=0.05)
+
+
+CHANGES = {
+    "ends": 4 * sp.Max(0, 1 - TIME), "begins": 4 * sp.Max(0, TIME - 4),
+    "passes": 4 * sp.Max(0, 1 - sp.Abs(TIME - 2.3)), "decays": 4 * sp.exp(-TIME),
+    "sways": 1 + sp.sin(TIME),
+}  # fmt: skip
+"""Speeds x' along a line: of each the integral over 5 s is what is lost of |x| <= 3."""
+
+
+@pytest.mark.parametrize("nodes", [81, 161])
+@pytest.mark.parametrize("scheme", ["upwind", "weno5"])
+@pytest.mark.parametrize("change", CHANGES)
+def test_set_is_exact_whenever_its_rate_changes(change, scheme, nodes):
+    """A step was as long as the speed at its beginning let it, which may be nought."""
+    states = (hf.Quantity("x", "m"),)
+    system = hf.System("late", states, (), {"x": CHANGES[change]})
+    region = hf.Region("walls", states, (hf.Inequality("wall", sp.Abs(X) - 3, "m"),))
+    grid = hf.grid(system, {"x": (-8, 8)}, nodes)
+    value = hf.viability_kernel(system, region, grid, 5.0, scheme=scheme)
+    assert (value.report.converged, value.report.reached_s) == (False, 5.0)
+    lost = quad(sp.lambdify(TIME, CHANGES[change]), 0, 5, points=(1, 2.3, 4))[0]
+    cells = {"upwind": 0.7, "weno5": 0.05}[scheme]
+    assert value.extent()["x"][1] == pytest.approx(3 - lost, abs=cells * 16 / (nodes - 1))
+
+
+def test_wall_that_comes_and_goes_is_seen_by_what_hardly_moves():
+    """For half a second it is 2 m further in; the march might be one step."""
+    states, inputs = (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),)
+    system = hf.System("slow", states, inputs, {"x": U}, input_bounds=hf.Box((-1e-4,), (1e-4,)))
+    wall = X - 3 + 2 * sp.exp(-((TIME - 2.3) ** 2) / 0.1)
+    rows = hf.Inequality("wall", wall, "m"), hf.Inequality("low", -X - 3, "m")
+    region = hf.Region("walls", states, rows)
+    value = hf.viability_kernel(system, region, hf.grid(system, {"x": (-4, 4)}, 161), 5.0)
+    assert value.extent()["x"][1] == pytest.approx(1, abs=0.05)
 
 
 def test_kernel_that_is_all_of_its_region_has_converged():

@@ -37,6 +37,12 @@ def test_report_says_what_was_marched(value):
     assert report.title is None
 
 
+def test_share_of_the_nodes_that_a_refined_march_computes_is_one():
+    grid = hf.grid(SYSTEM, {"x": (-1.5, 1.5)}, 41)
+    value = hf.viability_kernel(SYSTEM, ROOM, grid, horizon=1.0, refine=4)
+    assert 0 < value.report.marched_share < 1
+
+
 def test_attributes_and_report_are_one_another(value, tmp_path):
     assert Report.read(value.report.attributes()) == value.report
     assert hf.load(value.save(tmp_path / "v.nc")).report == value.report

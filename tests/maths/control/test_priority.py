@@ -186,6 +186,13 @@ void one(const double *seen, const double *handed, double *answer) {
 """
 
 
+def test_name_of_a_law_says_how_many_filters_give_way(point):
+    law = hf.commanded(point)
+    guarded = [hf.safeguard(point, law, half_plane(point, n, X)) for n in ("a", "b", "c")]
+    for count, more in ((1, ""), (2, ", then 1 more"), (3, ", then 2 more")):
+        assert hf.in_order(guarded[:count]).name == guarded[0].name + more
+
+
 def test_filters_that_do_not_go_together_are_refused(point):
     left = half_plane(point, "left", X)
     open_ends = {"x": "extrapolated", "y": "extrapolated"}

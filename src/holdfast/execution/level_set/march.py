@@ -379,6 +379,9 @@ ENDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
 ALL_MEASURED, MEASURED = 64, 4
 """Steps from the first for which it is measured how fast the set moves, then one in so many."""
 
+LEAST_STEPS = 128
+"""Steps of a march in which anything depends on time: what lasts for less may pass unseen."""
+
 MOST_STEPS = 10**9
 """Steps of a march: it would take days on the smallest grid."""
 
@@ -605,7 +608,7 @@ class March:
         values, which is taken down in it; it goes on from there.
         """
         shares, step = self.method.steps.stages, math.nan
-        for start, dt, end in itertools.islice(self.steps_to(times), done.steps, None):
+        for start, dt, end in itertools.islice(self.steps_to(times, moves), done.steps, None):
             again = dt != step or not self.method.skip or self.varying or moves
             step = dt
             done.measured = (
@@ -673,28 +676,34 @@ class March:
             self._numbers[weight] = step, numbers
         return numbers
 
-    def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
-        """Start and length of every step [s], and which of `times` it ends at."""
-        now = 0.0
+    def steps_to(
+        self, times: Sequence[float], moves: bool = False
+    ) -> Iterator[tuple[float, float, float | None]]:
+        """Start and length of every step [s], and which of `times` it ends at.
+
+        moves: whether bounds at nodes move.
+        """
+        now, longest = 0.0, times[-1] / LEAST_STEPS if self.varying or moves else math.inf
         for end in times:
             while now < end:
-                count = self._count(now, end)
+                count = self._count(now, end, longest)
                 dt = (end - now) / count
                 several = 1 if self.varying else count
                 for k in range(several):
                     yield now + k * dt, dt, end if k == count - 1 else None
                 now = end if several == count else now + dt
 
-    def _count(self, now: float, end: float) -> int:
-        """The number of steps; with speeds that vary, so that the first is short enough."""
-        count, longest = 1, self._longest_step((now,)) if self.varying else self.longest_step
-        while (needed := math.ceil((end - now) / longest - 1e-9)) > count:
+    def _count(self, now: float, end: float, longest: float) -> int:
+        """The number of steps no longer than that; with speeds that vary, so that the first is
+        short enough."""
+        count, needed = 0, 1
+        while needed > count:
             count = needed
             if count > MOST_STEPS:
-                raise self._too_many(count, longest, now)
-            if self.varying:
-                dt = (end - now) / count
-                longest = self._longest_step((now, now + 0.5 * dt, now + dt))
+                raise self._too_many(count, (end - now) / count, now)
+            dt = (end - now) / count
+            at = (now, now + 0.5 * dt, now + dt) if self.varying else (0.0,)
+            needed = math.ceil((end - now) / min(self._longest_step(at), longest) - 1e-9)
         return count
 
     def _too_many(self, count: int, longest: float, tau: float) -> SimulationError:
