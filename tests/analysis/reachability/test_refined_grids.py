@@ -281,3 +281,21 @@ def test_memory_of_a_refined_march_is_at_most_that_of_both_grids():
     grid = hf.grid(carts.cart(), carts.BOX, 21)
     most = hf.march_memory(grid, refine=2, scheme="weno5")
     assert most == 5 * 8 * (41**2 + 21**2)
+
+
+def test_several_times_of_a_march_of_first_order_on_refined_grids_are_those_of_the_finer_grid():
+    """Its arrays change places with every step, and some intervals have an odd number of steps."""
+    times, box = [0.1, 0.2, 0.35, 0.5], dict.fromkeys("xy", (-0.4, 1.6))
+    states = tuple(hf.Quantity(n, "m") for n in "xy")
+    x, y, u = (hf.symbol(n) for n in "xyu")
+    system = hf.System(
+        "unstable", states, (hf.Quantity("u", "m/s"),), {"x": 2 * x + u, "y": -x + y},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    region = hf.Region("disc", states, (hf.Inequality("edge", x**2 + y**2 - 0.12, "m^2"),))
+    options = {"scheme": "upwind", "order": 1, "times": times}
+    coarse, fine = (hf.grid(system, box, n) for n in (11, 41))
+    refined = hf.viability_kernel(system, region, coarse, 0.7, refine=4, **options)
+    whole = hf.viability_kernel(system, region, fine, 0.7, **options)
+    for time in (*times, 0.7):
+        assert ((refined.values(time) > 0) == (whole.values(time) > 0)).all()

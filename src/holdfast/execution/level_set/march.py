@@ -496,8 +496,8 @@ class March:
         self.share, self.bent = leeway
         self.leeway = self.share * start_rate if filtered else math.inf
         ends = np.zeros((len(axes), 4)) if falls is None else falls
-        # One row (axes,) for each of the four: a stage has its numbers of all axes side by side.
         self._numbers: dict[float, tuple[tuple[float, float, Within], Array]] = {}
+        # One row (axes,) for each of the four: a stage has its numbers of all axes side by side.
         self.falls = [*(ends[:, :2].T * self.steps), *ends[:, 2:].T]
 
     @property

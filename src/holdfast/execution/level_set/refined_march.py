@@ -502,7 +502,7 @@ class _Pair:
         self._steps(start, dt, steps, before, done)
         if self.level.arrays[0] is not values:
             tasks.take_over(wanted, self.level.arrays[0], values)
-            self.level.arrays.reverse()
+            self.level.exchange()
         tasks.hand_down(wanted, values, coarser.values)
 
     def _steps(self, start: float, dt: float, steps: int, before: Array, done: Done) -> None:

@@ -48,9 +48,8 @@ def watch(counter: Wholes, other: Wholes, value: int, times: int):
 def next_slice(turn: Wholes, slice_count: int, tried: Wholes) -> int:
     """The next slice that no thread has; then -1.
 
-    A thread has the same slices in every stage, whose values its core then has at hand, and when it
-    has done with them takes what is left of the others', the last first. tried: 0 and 0 to begin
-    with.
+    A thread takes slices that follow one another, which ones by the order in which threads come to
+    a stage, and then what is left of the others', the last first. tried: 0 and 0 to begin with.
     """
     if tried[0] == 0:
         tried[1] = take(turn) % MOST_THREADS * SHARE

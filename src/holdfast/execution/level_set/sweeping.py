@@ -206,8 +206,8 @@ SPINS = 100_000
 class Workers:
     """Threads of which the caller is one; to be used in a `with` statement.
 
-    Each has slices of the places of its own, and when it has done with them takes one after the
-    other of what is left, so that all end at about the same time.
+    Each takes slices that follow one another, and when it has done with them one after the other
+    of what is left, so that all end at about the same time.
     """
 
     def __init__(self, code: SweepCode, threads: int, places: int) -> None:
@@ -382,8 +382,8 @@ class MarchArrays:
         )
         self._leaves = {False: plain, True: measured}
         self.kept = upper, lower
-        self._turned = False
-        self._arguments: dict[tuple[int, bool, bool], list[int]] = {}
+        self._arrays_turned = self._flags_turned = False
+        self._arguments: dict[tuple[int, bool, bool, bool], list[int]] = {}
         self._room = march.code.room(march.shape.tolist(), march.cut.tolist(), self.sizes.tolist())
 
     def out(self, s: int) -> Array:
@@ -399,7 +399,7 @@ class MarchArrays:
 
     def swept(self, workers: Workers, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
         """A stage of the units at the places that the workers share; counts of the shape (3,)."""
-        stage = s, measures, self._turned
+        stage = s, measures, self._arrays_turned, self._flags_turned
         if stage not in self._arguments:
             self._arguments[stage] = self._arguments_of(s, measures)
         arguments = [address(u), address(numbers), *self._arguments[stage]]
@@ -422,9 +422,14 @@ class MarchArrays:
     def ended(self, s: int) -> None:
         """After a stage: of a method with a single one the arrays change places."""
         if self.stages == 1:
-            self.arrays.reverse()
+            self.exchange()
             self.flags = self.flags[::-1]
-            self._turned = not self._turned
+            self._flags_turned = not self._flags_turned
+
+    def exchange(self) -> None:
+        """The arrays of a method with a single stage change places."""
+        self.arrays.reverse()
+        self._arrays_turned = not self._arrays_turned
 
 
 class Bounds(Protocol):
