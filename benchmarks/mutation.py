@@ -78,7 +78,8 @@ PARTS = {
          "holdfast_check/flowpipe.py"],
         [f"tests/analysis/certificates/test_{name}.py" for name in (
             "checker_numbers", "certificate", "horizon", "reaching", "forged_laws", "judged_laws",
-            "refining", "statement", "flowpipe", "safeguards_over_boxes")],
+            "refining", "statement", "flowpipe", "safeguards_over_boxes", "kept_on_the_way",
+            "options_of_a_law")],
     ),
 }  # fmt: skip
 

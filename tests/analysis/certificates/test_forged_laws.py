@@ -13,7 +13,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import OutputError
-from holdfast_check.checker import NotValidError, check
+from holdfast_check.checker import NotValidError, check, checked
 from tests.carts import STATES, WALLS, D, U, V, X, cart
 from tests.certified_systems import changed
 
@@ -97,6 +97,14 @@ def test_share_is_drawn_anew_each_time_and_the_seed_is_printed(braked):
     assert len(told) == 3
     seed = int(told.pop().split("drawn with seed ")[1].split(":")[0])
     assert f"seed {seed}" in check(str(braked), share=0.1, seed=seed)
+
+
+def test_one_entry_at_least_is_checked(braked):
+    checks = [checked(str(braked), share) for share in (1e-9, 0.5)]
+    assert checks[0]["checked"] == 1
+    assert checks[1]["checked"] == round(checks[1]["entries"] / 2)
+    assert not checks[0]["valid"]
+    assert not checks[1]["valid"]
 
 
 @pytest.mark.parametrize("what", ["entries", "nodes"])

@@ -117,6 +117,13 @@ FLOWS = {
     "of no state": (X, X, (0.125, 0.25), False, False),
     "one of two": (X, least(X - 9, X + 9), (0.125, 0.25), True, True),
     "one of two, when both are": (X, greatest(X - 9, X + 9), (0.125, 0.25), False, False),
+    "one of two, and which is less changes": (
+        0 * X,
+        least(X - 0.25, 40 * (0.1875 - X)),
+        (0.125, 0.25),
+        True,
+        True,
+    ),
 }
 
 
