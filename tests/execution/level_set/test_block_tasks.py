@@ -13,7 +13,7 @@ from holdfast.execution.level_set.refined_march import (
     Blocks,
     BlockTasks,
 )
-from holdfast.execution.level_set.sweeping import Workers, sweep_code
+from holdfast.execution.level_set.sweeping import Workers
 
 GRIDS = [
     ((41,), (False,), (16,)),
@@ -27,7 +27,7 @@ GRIDS = [
 @contextmanager
 def tasks(shape, periodic, sizes, precision="float64"):
     blocks = Blocks(shape, periodic, sizes)
-    with Workers(sweep_code(precision, one_slope=True), 2, 1) as workers:
+    with Workers(2, 1) as workers:
         yield blocks, BlockTasks(blocks, workers, precision)
 
 

@@ -116,16 +116,16 @@ def test_a_step_is_that_of_the_formulas(shape, scheme):
 
 
 @pytest.mark.parametrize("scheme", ["upwind", "weno5"])
-def test_a_sweep_depends_on_nothing_that_an_earlier_one_left(scheme, monkeypatch):
-    """Its memory is kept from call to call, by every thread."""
+def test_a_sweep_depends_on_nothing_that_is_in_its_memory(scheme, monkeypatch):
+    """That is kept from call to call, for every thread."""
     clean = kernel(scheme=scheme, threads=2)
-    kept = SweepCode._memory
+    true = SweepCode.memory
 
     def spoilt(self, room):
-        found = kept(self, room)
-        for array in self._held.arrays:
+        arrays = true(self, room)
+        for array in arrays:
             array.view(np.uint8)[:] = 0xFF  # NaN, or -1
-        return found
+        return arrays
 
-    monkeypatch.setattr(SweepCode, "_memory", spoilt)
+    monkeypatch.setattr(SweepCode, "memory", spoilt)
     same(clean, kernel(scheme=scheme, threads=2))

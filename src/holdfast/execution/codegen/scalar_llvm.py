@@ -272,7 +272,7 @@ class Instructions:
                 self.line(f"call void @llvm.memmove.p0.p0.i64({operands})")
                 return ""
             case "take":
-                return self.named(f"atomicrmw add ptr {values[0]}, i64 1 monotonic")
+                return self.named(f"atomicrmw add ptr {values[0]}, i64 1 acq_rel")
             case "look":
                 return self.named(f"load atomic i64, ptr {values[0]} acquire, align 8")
             case "table_at" | "values_at" | "floats_at":
@@ -359,20 +359,43 @@ def scalars_text(
     single: bool = False,
     fused: bool = False,
     leaves: LeafCalls = NO_LEAVES,
+    packed: bool = False,
 ) -> str:
     """The text of a module of these functions and of those that they call.
 
     single: whether a `Value`, and an entry of a `Table`, is in single precision. fused: whether
-    LLVM may contract a product and a sum.
+    LLVM may contract a product and a sum. packed: whether the functions are called, as "packed_"
+    and their names, with the address of what they take: addresses and whole numbers, one after the
+    other.
     """
     functions = library.needed(roots)
+    internal = [f.name for f in functions if packed or f.name not in roots]
     bodies = [
         _Printer(
-            library, f, single=single, fused=fused, leaves=leaves, internal=f.name not in roots
+            library, f, single=single, fused=fused, leaves=leaves, internal=f.name in internal
         ).text()
         for f in functions
     ]
-    return "\n\n".join([*bodies, *_DECLARED]) + "\n"
+    stubs = [_unpacks(library.functions[name]) for name in roots] if packed else []
+    return "\n\n".join([*bodies, *stubs, *_DECLARED]) + "\n"
+
+
+PACKED = "packed_"
+"""How the name of a function begins that takes the address of what another takes."""
+
+
+def _unpacks(function: ScalarFunction) -> str:
+    """A function of the address of the arguments of another, which it calls."""
+    lines, passed = ["%a = inttoptr i64 %where to ptr"], []
+    for k, (name, kind) in enumerate(function.parameters.items()):
+        assert kind == INT or kind in ARRAYS, f"'{name}' is no whole number and no array"
+        lines += [f"%p{k} = getelementptr i64, ptr %a, i64 {k}", f"%i{k} = load i64, ptr %p{k}"]
+        if kind != INT:
+            lines.append(f"%v{k} = inttoptr i64 %i{k} to ptr")
+        passed.append(f"i64 %i{k}" if kind == INT else f"ptr %v{k}")
+    lines += [f"call void @{function.name}({', '.join(passed)})", "ret void"]
+    begin = f"define void @{PACKED}{function.name}(i64 %where) nounwind {{"
+    return "\n".join([begin, "entry:", *(f"  {line}" for line in lines), "}"])
 
 
 class _Printer(Instructions):

@@ -115,7 +115,7 @@ MACHINE: Mapping[str, str] = {
 table_at(k), values_at(k), floats_at(k): the array at an address. address(a, k): that of an entry.
 call(k, ...): the machine code at an address, with whole numbers. copy(a, i, count, b, j): count
 entries of a from i on to b from j on. take(a), look(a): a[0] by an atomic operation; `take`
-increments it.
+increments it. What a thread has written before `take` another sees after it has seen that number.
 
 In kernels of a device: wait(): until all threads of the block are here. add(a, k, n): n to a[k], by
 an atomic operation. most(a, k, x): a[k] are the bits of the largest number, none of them negative.

@@ -5,7 +5,7 @@ for every axis: nodes, those of the coarser grid, those of a block (even), block
 that is periodic. Threads share the blocks of each function as those of a sweep (`sweep.py`). All
 arrays have one dimension; n is the number of axes, and the last axis is the fastest:
 
-    turn                    (1 + slices,)   as `stencils.py` says
+    taken                   (slices,)       as `stencils.py` says
     slices                  (slices + 1,)   the blocks that they begin at, and the end
     of                      (5 * n,)        five numbers of every axis, one kind after the other
     blocks                  (chosen,)       their numbers, in the order of the grid of blocks
@@ -16,11 +16,11 @@ arrays have one dimension; n is the number of axes, and the last axis is the fas
     out                     (nodes,)        of `between` (count,), a part of a row
     begin, count, index     (n,)            of a block its first node and its nodes; a row's place
     shape                   (n,)
-    own                     (4,)            of a thread: the place after its last, the end of its
+    own                     (3,)            of a thread: the place after its last, the end of its
                                             slice, and `tried` of `stencils.py`
     numbers                 (2,)            the side, and the least value that counts
     counts                  (3,)            of a thread; the last is its largest share
-    room                    (8 * n + 4,)    own, begin, count and index; then `of` of a thin grid
+    room                    (8 * n + 3,)    own, begin, count and index; then `of` of a thin grid
     rows                    ((2^(n - 1) + 2) * (block + 2),)  a row for every corner, and one more
 """
 
@@ -36,13 +36,13 @@ CROSSED_LOW = 2  # near its beginning along the last axis,
 CROSSED_HIGH = 4  # near its end
 
 
-def following(turn: Wholes, slices: Wholes, slice_count: int, own: Wholes) -> int:
+def following(taken: Wholes, slices: Wholes, slice_count: int, thread: int, own: Wholes) -> int:
     """The next place of a thread's own slice, or of the next slice that no thread has; then -1.
 
     own: 0 to begin with.
     """
     if own[0] >= own[1]:
-        slice_ = next_slice(turn, slice_count, own[2:])
+        slice_ = next_slice(taken, slice_count, thread, own[2:])
         if slice_ < 0:
             return -1
         own[0], own[1] = slices[slice_], slices[slice_ + 1]
@@ -132,20 +132,20 @@ def between(
 
 
 def fill(
-    turn: Wholes, slices: Wholes, slice_count: int, blocks: Wholes, of: Wholes, n: int,
-    one: Values, other: Values, targets: Wholes, target_count: int, upper: int, lower: int,
-    room: Wholes, rows: Values,
+    taken: Wholes, slices: Wholes, slice_count: int, thread: int, counts: Floats, room: Wholes,
+    rows: Values, blocks: Wholes, of: Wholes, n: int, one: Values, other: Values, targets: Wholes,
+    target_count: int, upper: int, lower: int,
 ):  # fmt: skip
     """Blocks of grids from the lesser of two values on the coarser grid, within bounds.
 
     targets: addresses of the values. upper, lower: addresses of the bounds, or 0.
     """
-    own, begin, count, index = room, room[4:], room[4 + n :], room[4 + 2 * n :]
+    own, begin, count, index = room, room[3:], room[3 + n :], room[3 + 2 * n :]
     last = n - 1
     pitch = of[2 * n + last] // 2 + 1
     row = rows[(1 << last) * pitch :]
     while True:
-        k = following(turn, slices, slice_count, own)
+        k = following(taken, slices, slice_count, thread, own)
         if k < 0:
             break
         find_block(blocks[k], of, n, begin, count)
@@ -198,17 +198,18 @@ def crossed(
 
 
 def look_over(
-    turn: Wholes, slices: Wholes, slice_count: int, of: Wholes, n: int, chosen: Flags,
-    values: Values, coarse: Values, reach: int, found: Flags, room: Wholes, rows: Values,
+    taken: Wholes, slices: Wholes, slice_count: int, thread: int, counts: Floats, room: Wholes,
+    rows: Values, of: Wholes, n: int, chosen: Flags, values: Values, coarse: Values, reach: int,
+    found: Flags,
 ):  # fmt: skip
     """Where the sign changes in every block: on its grid in chosen ones, else on the coarser."""
-    own, begin, count, index = room, room[4:], room[4 + n :], room[4 + 2 * n :]
-    thin = room[4 + 3 * n :]
+    own, begin, count, index = room, room[3:], room[3 + n :], room[3 + 2 * n :]
+    thin = room[3 + 3 * n :]
     for i in range(n):
         thin[i] = of[n + i]
         thin[4 * n + i] = of[4 * n + i]
     while True:
-        block = following(turn, slices, slice_count, own)
+        block = following(taken, slices, slice_count, thread, own)
         if block < 0:
             break
         find_block(block, of, n, begin, count)
@@ -220,14 +221,14 @@ def look_over(
 
 
 def hand_down(
-    turn: Wholes, slices: Wholes, slice_count: int, blocks: Wholes, of: Wholes, n: int,
-    values: Values, coarse: Values, room: Wholes, rows: Values,
+    taken: Wholes, slices: Wholes, slice_count: int, thread: int, counts: Floats, room: Wholes,
+    rows: Values, blocks: Wholes, of: Wholes, n: int, values: Values, coarse: Values,
 ):  # fmt: skip
     """The values of blocks to the nodes of the coarser grid in them."""
-    own, begin, count, index = room, room[4:], room[4 + n :], room[4 + 2 * n :]
+    own, begin, count, index = room, room[3:], room[3 + n :], room[3 + 2 * n :]
     last, thin = n - 1, of[n:]
     while True:
-        k = following(turn, slices, slice_count, own)
+        k = following(taken, slices, slice_count, thread, own)
         if k < 0:
             break
         find_block(blocks[k], of, n, begin, count)
@@ -244,14 +245,14 @@ def hand_down(
 
 
 def take_over(
-    turn: Wholes, slices: Wholes, slice_count: int, blocks: Wholes, of: Wholes, n: int,
-    values: Values, out: Values, room: Wholes, rows: Values,
+    taken: Wholes, slices: Wholes, slice_count: int, thread: int, counts: Floats, room: Wholes,
+    rows: Values, blocks: Wholes, of: Wholes, n: int, values: Values, out: Values,
 ):  # fmt: skip
     """The values of blocks to another array of the same grid."""
-    own, begin, count, index = room, room[4:], room[4 + n :], room[4 + 2 * n :]
+    own, begin, count, index = room, room[3:], room[3 + n :], room[3 + 2 * n :]
     last = n - 1
     while True:
-        k = following(turn, slices, slice_count, own)
+        k = following(taken, slices, slice_count, thread, own)
         if k < 0:
             break
         find_block(blocks[k], of, n, begin, count)
@@ -264,8 +265,8 @@ def take_over(
 
 
 def losses(
-    turn: Wholes, slices: Wholes, slice_count: int, of: Wholes, n: int, chosen: Flags,
-    before: Values, now: Values, numbers: Floats, counts: Floats, room: Wholes, rows: Values,
+    taken: Wholes, slices: Wholes, slice_count: int, thread: int, counts: Floats, room: Wholes,
+    rows: Values, of: Wholes, n: int, chosen: Flags, before: Values, now: Values, numbers: Floats,
 ):  # fmt: skip
     """The largest share of its value that a node of the coarser grid changed by, of those that are
     in no chosen block, on one side of zero.
@@ -273,11 +274,11 @@ def losses(
     numbers: 1 or -1, the side; values nearer to zero count as so large.
     """
     side, nearest = numbers[0], numbers[1]
-    own, begin, count, index = room, room[4:], room[4 + n :], room[4 + 2 * n :]
+    own, begin, count, index = room, room[3:], room[3 + n :], room[3 + 2 * n :]
     last, thin = n - 1, of[n:]
     most = 0.0
     while True:
-        block = following(turn, slices, slice_count, own)
+        block = following(taken, slices, slice_count, thread, own)
         if block < 0:
             break
         if chosen[block] == 0:

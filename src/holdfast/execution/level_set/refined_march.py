@@ -32,7 +32,7 @@ flags of blocks have a byte each and follow one another as the blocks do, the la
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from functools import cache
 from importlib import resources
@@ -43,7 +43,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.codegen.scalar_llvm import scalars_text
+from holdfast.execution.codegen.scalar_llvm import PACKED, scalars_text
 from holdfast.execution.codegen.scalar_reader import read
 from holdfast.execution.leaf import compiled_text
 from holdfast.execution.level_set.block_sweep import CROSSED, CROSSED_HIGH, CROSSED_LOW
@@ -53,7 +53,6 @@ from holdfast.execution.level_set.sweeping import (
     Bounds,
     Counts,
     MarchArrays,
-    Shared,
     Within,
     Workers,
     address,
@@ -216,32 +215,22 @@ ALONE = 32768
 
 
 class BlockCode:
-    """Its functions, for a precision; threads share their work by the slices of `Workers`."""
+    """The addresses of its functions, for `Workers`, and the memory that a thread needs."""
 
     def __init__(self, precision: str) -> None:
         folder, files = resources.files(__package__), ("stencils", "block_sweep")
         parsed = read("\n".join((folder / f"{name}.py").read_text("utf-8") for name in files))
-        text = scalars_text(parsed, ENTRIES, single=precision == "float32", fused=True)
-        machine = compiled_text(text, optimised=True)
-        self._functions = {
-            name: machine.function(name, len(parsed.functions[name].parameters)) for name in ENTRIES
-        }
+        single = precision == "float32"
+        text = scalars_text(parsed, ENTRIES, single=single, fused=True, packed=True)
+        self._machine = compiled_text(text, optimised=True)
+        self.places = {name: self._machine.address(PACKED + name) for name in ENTRIES}
         self._kind = np.dtype(precision)
 
-    def function(self, name: str, sizes: Sequence[int]) -> Callable[..., None]:
-        """One of them for blocks of so many nodes along each axis, as `Workers.run` calls it."""
-        code, counts_too = self._functions[name], name == ENTRIES[-1]
-        # For every thread its own: `room` and `rows` in `block_sweep.py`.
-        wholes, values = 8 * len(sizes) + 4, (2 ** (len(sizes) - 1) + 2) * (sizes[-1] + 2)
-
-        def called(shared: Shared, *arguments: Any) -> None:
-            room, rows = np.zeros(wholes, dtype=np.int64), np.empty(values, dtype=self._kind)
-            counted = [address(arguments[-1])] if counts_too else []
-            code(
-                *shared, *arguments[:-1], *counted, address(room), address(rows),
-            )  # fmt: skip
-
-        return called
+    def memory(self, sizes: Sequence[int]) -> tuple[Numbers, Numbers]:
+        """For blocks of so many nodes along each axis: `room`, which is 0, and `rows`."""
+        values = (2 ** (len(sizes) - 1) + 2) * (sizes[-1] + 2)
+        room = np.zeros(8 * len(sizes) + 3, dtype=np.int64)
+        return room, np.empty(values, dtype=self._kind)
 
 
 @cache
@@ -254,20 +243,20 @@ class BlockTasks:
     """The blocks of a grid, the threads that work on them, and what they do."""
 
     def __init__(self, blocks: Blocks, workers: Workers, precision: str) -> None:
-        self._blocks, self._workers, self._code = blocks, workers, block_code(precision)
+        self._blocks, self._code = blocks, block_code(precision)
+        self._workers, self._alone = workers, Workers(1, 1)
         # Five numbers of every axis, one kind after the other: `of` in `block_sweep.py`.
         self._of = np.array([*blocks.shape, *blocks.coarse, *blocks.sizes, *blocks.counts,
                              *blocks.periodic], dtype=np.int64)  # fmt: skip
 
     def _run(self, name: str, count: int, *arguments: Any) -> Counts:
         """Shared by the threads where there is much to do; count: of the blocks."""
-        function = self._code.function(name, self._blocks.sizes)
-        if count * math.prod(self._blocks.sizes) > ALONE:
-            self._workers.share(0, count)
-            return self._workers.run(function, *arguments)
-        counts, turn, slices = np.zeros(3), np.zeros(2, dtype=np.int64), np.array([0, count])
-        function((address(turn), address(slices), 1), *arguments, counts)
-        return counts
+        several = count * math.prod(self._blocks.sizes) > ALONE
+        workers = self._workers if several else self._alone
+        workers.share(0, count)
+        memory = [self._code.memory(self._blocks.sizes) for _ in range(workers.threads)]
+        rows = np.array([[*map(address, own), *arguments] for own in memory])
+        return workers.run(self._code.places[name], rows)
 
     def _of_chosen(self, name: str, chosen: Flags, *arguments: Any) -> None:
         blocks = np.flatnonzero(chosen)
@@ -394,7 +383,7 @@ class RefinedSweeping:
     def _level(self, march: March, arrays: Sequence[Array | None]) -> tuple[Level, Workers]:
         values, upper, lower = arrays
         assert values is not None
-        workers = Workers(march.code, march.threads, march.places)
+        workers = Workers(march.threads, march.places)
         return Level(march, values, (upper, lower)), workers
 
     def __enter__(self) -> RefinedSweeping:

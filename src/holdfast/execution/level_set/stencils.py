@@ -9,10 +9,10 @@ arrays have one dimension; n is the number of axes:
     shape           (n,)
     places          (n * pitch,)     for every axis, at which place of it the reflected node is
     chosen          (many_chosen,)   places along an axis
-    turn            (1 + slices,)    the threads of a stage so far, and of each slice, once taken
+    taken           (slices,)        of every slice, whether a thread has taken it
     slices          (slices + 1,)    the places that slices begin at, and the end
-    tried           (2,)             of a thread: how many slices, and the first of them
-    counter, other  (1,)             of threads
+    tried           (1,)             of a thread: how many slices
+    counts          (3,)             of a thread; what they are is said where it counts
     marks, flags    (units,)
 """
 
@@ -34,30 +34,19 @@ CHANGED, ODD, MOVES, ALONG, OF_ROW, OUTER, NUMBERS, SLOPES = range(7, 15)
 FALLS = 8  # numbers of a stage before those of axes, as in `stage_leaf.py`
 
 SHARE = 8  # slices of a thread, at most
-MOST_THREADS = 1 << 20  # the turns of a stage; the next stage has the next so many
 
 
-def watch(counter: Wholes, other: Wholes, value: int, times: int):
-    """Counts its own start, and waits until the other reaches the value, within so many reads."""
-    take(counter)
-    for _k in range(times):
-        if look(other) >= value:
-            return
-
-
-def next_slice(turn: Wholes, slice_count: int, tried: Wholes) -> int:
+def next_slice(taken: Wholes, slice_count: int, thread: int, tried: Wholes) -> int:
     """The next slice that no thread has; then -1.
 
-    A thread takes slices that follow one another, which ones by the order in which threads come to
-    a stage, and then what is left of the others', the last first. tried: 0 and 0 to begin with.
+    A thread takes slices that follow one another, the same in every stage, and then what is left of
+    the others', the last first. thread: its number. tried: 0 to begin with.
     """
-    if tried[0] == 0:
-        tried[1] = take(turn) % MOST_THREADS * SHARE
     while tried[0] < slice_count:
         ahead = tried[0] if tried[0] < SHARE else slice_count + SHARE - 1 - tried[0]
-        slice_ = (tried[1] + ahead) % slice_count
+        slice_ = (thread * SHARE + ahead) % slice_count
         tried[0] = tried[0] + 1
-        if take(turn[1 + slice_ :]) == 0:
+        if take(taken[slice_:]) == 0:
             return slice_
     return -1
 
@@ -172,14 +161,15 @@ def reflected(place: int, n: int, shape: Wholes, places: Wholes, pitch: int) -> 
 
 
 def mirror(
-    turn: Wholes, slices: Wholes, slice_count: int, values: Values, size: int, shape: Wholes,
-    n: int, places: Wholes, pitch: int, axis: int, chosen: Wholes, many_chosen: int,
-    tried: Wholes,
+    taken: Wholes, slices: Wholes, slice_count: int, thread: int, counts: Floats, tried: Wholes,
+    values: Values, size: int, shape: Wholes, n: int, places: Wholes, pitch: int, axis: int,
+    chosen: Wholes, many_chosen: int,
 ):  # fmt: skip
     """Values at the chosen places along an axis, from the nodes that they reflect.
 
-    The rows are shared like the places that `slices` end.
+    The rows are shared like the places that `slices` end. It counts nothing.
     """
+    tried[0] = 0
     nodes = shape[n - 1]
     of_row = axis < n - 1  # else all rows, and the chosen places of each
     inner = 1  # rows within a place along the axis
@@ -189,7 +179,7 @@ def mirror(
     there = shape[axis] if of_row else 1
     rows = size // nodes // there * many
     while True:
-        part = next_slice(turn, slice_count, tried)
+        part = next_slice(taken, slice_count, thread, tried)
         if part < 0:
             break
         first, last, whole = slices[part], slices[part + 1], slices[slice_count]

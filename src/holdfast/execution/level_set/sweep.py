@@ -1,12 +1,12 @@
 """A sweep over a grid: which nodes are computed, and where all is that a stage of them asks for.
 
-It knows no program: `stage_leaf.py` and `stage_leaf.py` have what belongs to one. A unit is a
+It knows no program: `stage_leaf.py` has what belongs to one. A unit is a
 number of nodes, several rows of the last axis or a stretch of one; it is computed, or skipped where
 nothing that it depends on has changed since it was computed last. Units that follow one another are
 a run, which is computed in one go. A block is what belongs to a place of all axes but the last two.
 All arrays have one dimension; n is the number of axes, and `SweepCode.room` has the sizes of rooms:
 
-    turn                        (1 + slice_count,)   as `stencils.py` says
+    taken                       (slice_count,)       as `stencils.py` says
     slices                      (slice_count + 1,)   the places that they begin at, and the end
     counts                      (3,)
     values, base, out, before   (size,)              nodes, the last axis is the fastest
@@ -20,7 +20,7 @@ All arrays have one dimension; n is the number of axes, and `SweepCode.room` has
     axes                        (n * axis_pitch,)    the nodes of every axis
     axis                        (nodes,)             those of the last
     bits                        (WORDS,)             one for each node of a run
-    wholes                      (SLOPES + 2 * WORDS + 9 * n + 12 + units kept,)
+    wholes                      (SLOPES + 2 * WORDS + 9 * n + 11 + units remembered,)
     reals                       ((n + of_row + outer) * PITCH + ...,)
     held                        ((stretches * along + of_row + ARRAYS + 1) * PITCH + slopes,)
     rows, room, work, table     (rows * PITCH,)      parts of `reals` and `held`
@@ -101,11 +101,11 @@ def any_of(bits: Wholes, first: int, last: int) -> int:
 
 
 def sweep(
-    turn: Wholes, slices: Wholes, slice_count: int, counts: Floats, wholes: Wholes, reals: Floats,
-    held: Values, u: Floats, numbers: Floats, values: Values, base: Values, out: Values,
-    before: Values, upper: int, lower: int, size: int, active: Flags, marks: Flags,
-    own: Flags, own_count: int, units: int, shape: Wholes, n: int, cut: Wholes,
-    kinds: Wholes, leaves: Wholes, sizes: Wholes, axes: Floats, axis_pitch: int,
+    taken: Wholes, slices: Wholes, slice_count: int, thread: int, counts: Floats, wholes: Wholes,
+    reals: Floats, held: Values, u: Floats, numbers: Floats, values: Values, base: Values,
+    out: Values, before: Values, upper: int, lower: int, size: int, active: Flags, marks: Flags,
+    own: Flags, own_count: int, units: int, shape: Wholes, n: int, cut: Wholes, kinds: Wholes,
+    leaves: Wholes, sizes: Wholes, axes: Floats, axis_pitch: int,
 ):  # fmt: skip
     """One stage of a step over the blocks, or units, of the slices that this thread takes.
 
@@ -128,8 +128,8 @@ def sweep(
     strides = odd[WORDS:]
     within, index = strides[n:], strides[2 * n :]
     tried = strides[3 * n :]
-    kept = tried[2:]
-    tried[0], tried[1] = 0, 0
+    remembered = tried[1:]
+    tried[0] = 0
     in_rows, of_rows = reals, reals[n * PITCH :]
     of_row_at = stretches * along * PITCH
     arrays = held[of_row_at + of_row * PITCH :]
@@ -140,7 +140,7 @@ def sweep(
     for i in range(n - 1, -1, -1):  # nodes and units of a place
         strides[i] = strides[i + 1] * shape[i + 1] if i < n - 1 else 1
         within[i] = within[i + 1] * shape[i + 1] if i < n - 3 else local
-    begin_slopes(kept, strides, within, n, plain)
+    begin_slopes(remembered, strides, within, n, plain)
     same = of_rows[(of_row + outer) * PITCH :]
     room = same[outer:]
     nodes_of_last_axis(
@@ -153,7 +153,7 @@ def sweep(
     falls = numbers[FALLS + 2 * n :]
     wrong, computed, of_block = 0, 0, -1
     while True:
-        slice_ = next_slice(turn, slice_count, tried)
+        slice_ = next_slice(taken, slice_count, thread, tried)
         if slice_ < 0:
             break
         first, end = slices[slice_], slices[slice_ + 1]
@@ -197,7 +197,7 @@ def sweep(
                     slopes_across(
                         leaves[3], values, size, here, i, n, i < n - 2,
                         index[i] if i < n - 2 else row, tall, wide, strides[i], shape[i], kinds[i],
-                        ghosts, unit, several, count, kept, of_slopes, places, plain, falls,
+                        ghosts, unit, several, count, remembered, of_slopes, places, plain, falls,
                     )  # fmt: skip
                 slopes_along_rows(
                     leaves[3], values, size, here, begin, tall, wide, nodes, kinds[last], ghosts,
@@ -219,7 +219,7 @@ def sweep(
                 copy(rest, 0, done, out, here + count - done)
                 for i in range(n - 2):
                     remember_slopes(
-                        kept, of_slopes, i, n, unit, several, here, strides[i], count, plain
+                        remembered, of_slopes, i, n, unit, several, here, strides[i], count, plain
                     )
                 if any_of(odd, 0, count):
                     for j in range(count):

@@ -2,8 +2,8 @@
 
 Units are nodes that are computed, or skipped, together; threads share the places of an axis among
 themselves, stage after stage. A stage of a march over a small grid takes a fraction of a
-millisecond, of which a thread that sleeps would take a tenth to wake. So they look out for a moment
-before they sleep.
+millisecond, of which a thread that sleeps, or that waits for the interpreter, would take a tenth to
+begin. So they go from stage to stage in compiled code, and look out for a moment before they sleep.
 
 A step over a grid on a disk goes through the planes of the first axis with its stages close
 together. Each stage follows the one before at the distance that a scheme reaches, so that the
@@ -17,9 +17,7 @@ Half of a grid may tell the other half: which units are computed, and what is co
     values, upper, lower    (nodes,)                of the planes held, the last axis is the fastest
     u                       (1 + parameters + axes,)
     numbers                 (8 + 6 * axes,)         those of a stage, as `names_of_numbers` says
-    turn                    (1 + slices,)           as `stencils.py` says
-    counter, other          (1,)
-    slices                  (slices + 1,)           the places that they begin at, and the end
+    arguments               (threads, arguments)    of a sweep; addresses and whole numbers
     counts                  (3,)                    units computed, nodes not finite, largest move
 """
 
@@ -28,10 +26,12 @@ from __future__ import annotations
 import hashlib
 import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import resources
+from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, NamedTuple, Protocol
 
@@ -39,52 +39,45 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.codegen.scalar_llvm import scalars_text
-from holdfast.execution.codegen.scalar_reader import read
+from holdfast.execution.codegen.scalar_llvm import PACKED, scalars_text
+from holdfast.execution.codegen.scalar_reader import read, scalars
 from holdfast.execution.leaf import compiled_text
 from holdfast.execution.level_set.fold import Flags, Fold, Places
 from holdfast.execution.level_set.schemes import Scheme
 from holdfast.execution.level_set.stage_leaf import INFINITE, Stage
+from holdfast.execution.level_set.stencils import SHARE
 from holdfast.execution.resources import Memory, Room
 
 Numbers = npt.NDArray[Any]
 
 NumbersNeeded = tuple[int, int, int]
 
-Shared = tuple[int, int, int]
-"""What the threads of `Workers` share: the addresses of `turn` and `slices`, and how many slices
-there are."""
-
 LINE = 64
 """Bytes of a line of the processor's cache."""
 
 
 class SweepCode:
-    """Its functions take addresses and whole numbers, and let other threads of Python run."""
+    """The addresses of its functions, `sweep` and `mirror`, for `Workers`, and what they need."""
 
     def __init__(self, precision: str, *, one_slope: bool) -> None:
         files = ("stencils", f"slopes_{'once' if one_slope else 'twice'}", "sweep")
         folder = resources.files(__package__)
         source = "\n".join((folder / f"{name}.py").read_text("utf-8") for name in files)
-        parsed, entries = read(source), ("sweep", "mirror", "watch")
-        text = scalars_text(parsed, entries, single=precision == "float32", fused=True)
+        parsed, entries = read(source), ("sweep", "mirror")
+        text = scalars_text(parsed, entries, single=precision == "float32", fused=True, packed=True)
         self._machine = compiled_text(text, optimised=True)
         self.name = "sweep_" + hashlib.sha256(text.encode()).hexdigest()[:24]
         self.constants = {name: int(value) for name, value in parsed.constants.items()}
         self.kind = np.dtype(precision)
         self.one_slope = one_slope
-        self._sweep, self._mirror, self._watch = (
-            self._machine.function(name, len(parsed.functions[name].parameters)) for name in entries
-        )
-        self.turns = self.constants["MOST_THREADS"]
-        self._held = threading.local()
+        self.sweep, self.mirror = (self._machine.address(PACKED + name) for name in entries)
 
     def room(self, shape: Sequence[int], cut: Sequence[int], sizes: Sequence[int]) -> NumbersNeeded:
         """How many numbers a sweep needs: whole ones, of double precision, of values."""
         of, n, nodes = self.constants, len(shape), shape[-1]
         local, stretches = cut[1] * cut[2], cut[2]
         (along, of_row, outer), plain = sizes[:3], sizes[5]
-        wholes, held = of["SLOPES"] + 2 * of["WORDS"] + 9 * n + 12, 2 * n * of["PITCH"]
+        wholes, held = of["SLOPES"] + 2 * of["WORDS"] + 9 * n + 11, 2 * n * of["PITCH"]
         if not self.one_slope:
             held = (2 + 2 * plain) * of["ENDS"] * n + of["GATHERED"] + of["VECTOR"]
             units, stride = local, shape[-1] * (shape[-2] if n > 1 else 1)
@@ -96,43 +89,12 @@ class SweepCode:
         reals = (n + of_row + outer) * of["PITCH"] + outer + (1 + along) * (nodes + of["VECTOR"])
         return wholes, reals, held
 
-    def sweep(
-        self,
-        shared: Shared,
-        room: NumbersNeeded,
-        arguments: Sequence[int],
-        counts: Numbers,
-    ) -> None:
-        """A stage of a step, with memory of its own. arguments: those from `u` on."""
-        self._sweep(*shared, address(counts), *self._memory(room), *arguments)
-
-    def _memory(self, room: NumbersNeeded) -> tuple[int, int, int]:
-        """Its addresses, of this thread: that of the last sweep if it was as large."""
-        if getattr(self._held, "room", None) != room:
-            wholes, reals = np.zeros(room[0], dtype=np.int64), np.zeros(room[1])
-            values = np.zeros(room[2] + LINE // self.kind.itemsize, dtype=self.kind)
-            self._held.room, self._held.arrays = room, (wholes, reals, values)
-            aligned = -(-address(values) // LINE) * LINE  # values begin with a line
-            self._held.places = (address(wholes), address(reals), aligned)
-        places: tuple[int, int, int] = self._held.places
-        return places
-
-    def mirror(
-        self, shared: Shared, values: Numbers, shape: Numbers, places: Numbers, axis: int,
-        chosen: Numbers, counts: Numbers,
-    ) -> None:  # fmt: skip
-        """Values at the chosen places along an axis, (chosen,), from the nodes that they reflect.
-        shape: (axes,); places: (axes, nodes of the longest)."""
-        tried = np.zeros(2, dtype=np.int64)
-        self._mirror(
-            *shared, address(values), len(values), address(shape), len(shape),
-            address(places), places.shape[1], axis, address(chosen), len(chosen),
-            address(tried),
-        )  # fmt: skip
-
-    def watch(self, counter: Numbers, other: Numbers, value: int, times: int) -> None:
-        """Counts its own start, and waits until the other reaches the value."""
-        self._watch(address(counter), address(other), value, times)
+    def memory(self, room: NumbersNeeded) -> tuple[Numbers, Numbers, Numbers]:
+        """That a thread needs for sweeps; its values begin with a line of the processor's cache."""
+        line = LINE // self.kind.itemsize
+        values = np.zeros(room[2] + line, dtype=self.kind)
+        first = -address(values) % LINE // self.kind.itemsize
+        return np.zeros(room[0], dtype=np.int64), np.zeros(room[1]), values[first:]
 
 
 @cache
@@ -199,8 +161,22 @@ class Planes:
 
 Counts = npt.NDArray[np.float64]
 
-SPINS = 100_000
-"""Number of looks before a worker sleeps: some 100 microseconds."""
+READS = 300_000
+"""How often a thread looks whether others have gone on before it sleeps: some 100 microseconds."""
+
+NAP = 5e-5
+"""Seconds that the first sleeps where another takes longer than that."""
+
+MOST_ARGUMENTS = 32
+"""Of a function that threads carry out, at most."""
+
+
+@cache
+def _loops() -> tuple[Callable[..., None], ...]:
+    """`serve`, `lead` and `gather` of `worker_loop.py`."""
+    names, known = ("serve", "lead", "gather"), scalars("level_set/worker_loop")
+    machine = compiled_text(scalars_text(known, names), optimised=True)
+    return tuple(machine.function(n, len(known.functions[n].parameters)) for n in names)
 
 
 class Workers:
@@ -210,106 +186,105 @@ class Workers:
     of what is left, so that all end at about the same time.
     """
 
-    def __init__(self, code: SweepCode, threads: int, places: int) -> None:
-        self.watch, self.turns = code.watch, code.turns
-        self._slice_count = code.constants["SHARE"] * threads
-        self.turn = np.zeros(1 + self._slice_count, dtype=np.int64)
+    def __init__(self, threads: int, places: int) -> None:
+        self.threads, line = threads, LINE // 8
+        self._taken = np.zeros(SHARE * threads, dtype=np.int64)
+        self._slices = np.zeros(len(self._taken) + 1, dtype=np.int64)
+        self._begun = np.zeros(1, dtype=np.int64)
+        self._ended = np.zeros((threads - 1, line), dtype=np.int64)
+        self._counts, self._sums = np.zeros((threads, line)), np.zeros(4)
+        shared = address(self._taken), address(self._slices), 0
+        heads = [[0, *shared, k, address(of)] for k, of in enumerate(self._counts)]
+        self._orders = np.zeros((threads, len(heads[0]) + MOST_ARGUMENTS), dtype=np.int64)
+        self._orders[:, : len(heads[0])] = heads
+        self._rest = self._orders[:, len(heads[0]) :]
         self.share(0, places)
-        self._others = [_Other(self, k) for k in range(1, threads)]
-        self._waits = np.zeros(1, dtype=np.int64)
-        self.stage = 0
-        self.job: Callable[[], Counts] | None = None
+        self._serve, lead, gather = _loops()
+        begun, others = address(self._begun), address(self._ended)
+        self._lead = partial(
+            lead, begun, address(self._orders), address(self._taken), len(self._taken),
+            address(self._counts), self._counts.size,
+        )  # fmt: skip
+        self._gather = partial(
+            gather, begun, others, threads - 1, address(self._counts), address(self._sums), READS
+        )
+        # Of queues that are written in C a call is whole, also where an interrupt comes.
+        self._wakes: list[SimpleQueue[None]] = [SimpleQueue() for _ in range(1, threads)]
+        self._away, self._closed = self._ended[:, 1], False
+        self._others = [
+            threading.Thread(target=self._work, args=(k,), name=f"holdfast-march-{k}", daemon=True)
+            for k in range(1, threads)
+        ]
 
     def share(self, first: int, last: int) -> None:
         """The places that are shared in the stages to come."""
-        count = min(self._slice_count, last - first)
-        self._slices = first + np.arange(count + 1) * (last - first) // max(count, 1)
-        self._shared = address(self.turn), address(self._slices), count
+        count = min(len(self._taken), last - first)
+        slices = first + np.arange(count + 1) * (last - first) // max(count, 1)
+        self._slices[: count + 1] = slices
+        self._orders[:, 3] = count
 
     def __enter__(self) -> Workers:
-        for other in self._others:
-            other.start()
+        try:
+            for other in self._others:
+                other.start()
+        except BaseException:  # be it an interrupt
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._begin(None)  # what was begun before is ended; an interrupt may come at any time
-        for other in self._others:
-            other.join()
+        self._wait()
+        self._closed = True
+        for wakes, other in zip(self._wakes, self._others, strict=True):
+            wakes.put(None)
+            if other.ident is not None:
+                other.join()
 
-    def _begin(self, job: Callable[[], Counts] | None) -> None:
-        self.job = job
-        self.stage += 1
-        self.turn[1:] = 0
-        self.turn[0] = self.stage * self.turns
-        for other in self._others:
-            if other.go.locked():
-                other.go.release()
+    def _work(self, thread: int) -> None:
+        """What another thread does."""
+        other = thread - 1
+        places = map(address, (self._begun, self._ended[other], self._orders[thread]))
+        serve = partial(self._serve, *places, READS)
+        while not self._closed:
+            serve()
+            self._wakes[other].get()
 
-    def run(self, function: Callable[..., None], *arguments: Any) -> Counts:
-        """The sums of the first two that they count, the largest of the third, shape (3,)."""
+    def _wake(self) -> None:
+        """Those that do not look for the next stage; one that is woken twice looks once more."""
+        for other, away in enumerate(self._away.tolist()):
+            if away:
+                self._wakes[other].put(None)
 
-        def job() -> Counts:
-            counts = np.zeros(3)
-            function(self._shared, *arguments, counts)
-            return counts
+    def run(self, function: int, arguments: Numbers) -> Counts:
+        """All threads carry out a function; what they count: two sums and the largest, shape (3,).
 
-        self._begin(job)
+        function: the address of one that takes its arguments packed: `taken`, `slices`,
+        `slice_count`, `thread`, `counts` and then these, addresses or whole numbers, of shape
+        (threads, arguments), or (arguments,) where all have the same.
+        """
+        self._orders[:, 0] = function
+        self._rest[:, : arguments.shape[-1]] = arguments
+        self._wake()
         try:
-            sums = job()
+            self._lead()
         finally:  # none works on the caller's arrays when this ends, be it by an interrupt
-            others = [self._ended(other) for other in self._others]
-        for counts in others:
-            if isinstance(counts, BaseException):
-                raise counts
-            sums[:2] += counts[:2]
-            sums[2] = max(sums[2], counts[2])
-        return sums
+            self._wait()
+        return self._sums[:3].copy()
 
-    def _ended(self, other: _Other) -> Counts | BaseException:
-        self.watch(self._waits, other.waits, self.stage + 1, SPINS)
-        return other.result()
-
-
-class _Other(threading.Thread):
-    """Two locks are what it and the caller wait for, after having looked for a while.
-
-    They look for what the other does in compiled code only: the first turn taken, and the wait for
-    the next stage begun. Whoever sees it finds the interpreter free, and need not sleep for it.
-    """
-
-    def __init__(self, of: Workers, place: int) -> None:
-        super().__init__(name=f"holdfast-march-{place}", daemon=True)
-        self.of = of
-        self.go, self.done = threading.Lock(), threading.Lock()
-        self.go.acquire()
-        self.done.acquire()
-        self.waits = np.zeros(1, dtype=np.int64)
-        self.counts: Counts | BaseException = np.zeros(3)
-
-    def run(self) -> None:
-        first = 1
+    def _wait(self) -> None:
+        """Until all have ended what has begun; an interrupt that comes meanwhile is raised then."""
+        interrupt: BaseException | None = None
         while True:
-            first += self.of.turns
-            self.of.watch(self.waits, self.of.turn, first, SPINS)
-            self.go.acquire()
-            if self.of.job is None:
-                return
             try:
-                self.counts = self.of.job()
-            except BaseException as error:  # the caller raises it
-                self.counts = error
-            self.done.release()
-
-    def result(self) -> Counts | BaseException:
-        """Its counts in the stage that the caller has begun, or its error.
-
-        An interrupt that comes meanwhile is raised when the stage is done."""
-        try:
-            self.done.acquire()
-        except KeyboardInterrupt:
-            self.done.acquire()
-            raise
-        return self.counts
+                self._gather()
+                if self._sums[3]:
+                    break
+                self._wake()  # one that fell asleep just before the stage began
+                time.sleep(NAP)
+            except KeyboardInterrupt as error:
+                interrupt = error
+        if interrupt is not None:
+            raise interrupt
 
 
 class HasStages(Protocol):
@@ -383,7 +358,9 @@ class MarchArrays:
         self._leaves = {False: plain, True: measured}
         self.kept = upper, lower
         self._arrays_turned = self._flags_turned = False
-        self._arguments: dict[tuple[int, bool, bool, bool], list[int]] = {}
+        self._arguments: dict[tuple[int, bool, bool, bool], Numbers] = {}
+        self._memory: list[tuple[Numbers, Numbers, Numbers]] = []
+        self._of_stage: tuple[Numbers, Numbers] | None = None
         self._room = march.code.room(march.shape.tolist(), march.cut.tolist(), self.sizes.tolist())
 
     def out(self, s: int) -> Array:
@@ -399,25 +376,32 @@ class MarchArrays:
 
     def swept(self, workers: Workers, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
         """A stage of the units at the places that the workers share; counts of the shape (3,)."""
+        if self._of_stage is None:
+            self._of_stage = u.copy(), numbers.copy()
+            room = range(workers.threads)
+            self._memory = [self.march.code.memory(self._room) for _ in room]
+        for own, new in zip(self._of_stage, (u, numbers), strict=True):
+            own[:] = new
         stage = s, measures, self._arrays_turned, self._flags_turned
         if stage not in self._arguments:
             self._arguments[stage] = self._arguments_of(s, measures)
-        arguments = [address(u), address(numbers), *self._arguments[stage]]
-        return workers.run(self.march.code.sweep, self._room, arguments)
+        return workers.run(self.march.code.sweep, self._arguments[stage])
 
-    def _arguments_of(self, s: int, measures: bool) -> list[int]:
-        """Those of a sweep that every such stage has."""
+    def _arguments_of(self, s: int, measures: bool) -> Numbers:
+        """Those of a sweep in every such stage, for every thread, shape (threads, arguments)."""
         march, arrays, out = self.march, self.arrays, self.out(s)
         here, there, later = self.marks(s)
         before = arrays[0] if self.stages == 1 else out
-        return [
-            *map(address, (arrays[s], arrays[0], out, before)),
+        assert self._of_stage is not None
+        same = [
+            *map(address, (*self._of_stage, arrays[s], arrays[0], out, before)),
             *(0 if bound is None else address(bound) for bound in self.kept), len(out),
             *map(address, (here, there, later)), len(later), march.units,
             address(march.shape), len(march.shape), address(march.cut), address(march.kinds),
             address(self._leaves[measures]), address(self.sizes),
             address(march.axes), march.axes.shape[1],
         ]  # fmt: skip
+        return np.array([[*map(address, own), *same] for own in self._memory])
 
     def ended(self, s: int) -> None:
         """After a stage: of a method with a single one the arrays change places."""
@@ -563,7 +547,7 @@ class Sweeping(StagesHere, MarchArrays):
         """room: for the values of stages."""
         super().__init__(march, values, upper, lower, (room or Memory()).copy)
         self._values, self.bounds = values, bounds
-        self._workers = Workers(march.code, march.threads, march.places)
+        self._workers = Workers(march.threads, march.places)
 
     def __enter__(self) -> Sweeping:
         self._workers.__enter__()
@@ -615,10 +599,15 @@ class Sweeping(StagesHere, MarchArrays):
 
     def _mirror(self, values: Array, chosen: Array) -> None:
         """Of the half that is not computed, what lies at those places."""
-        fold, code = self.march.fold, self.march.code
+        fold, shape = self.march.fold, self.march.shape
+        tried = np.zeros((self.march.threads, 1), dtype=np.int64)
         assert fold is not None
-        half = (values, self.march.shape, fold.places, fold.axis, chosen)
-        self._workers.run(code.mirror, *half)
+        same = [
+            address(values), len(values), address(shape), len(shape), address(fold.places),
+            fold.places.shape[1], fold.axis, address(chosen), len(chosen),
+        ]  # fmt: skip
+        arguments = np.array([[address(own), *same] for own in tried])
+        self._workers.run(self.march.code.mirror, arguments)
 
 
 def on_one_side(values: Array, limit: str) -> bool:
