@@ -28,6 +28,7 @@ import socket
 import stat
 import tempfile
 import threading
+import time
 import warnings
 from collections.abc import Callable
 from functools import cache
@@ -430,13 +431,23 @@ def _warn_once(message: str) -> None:
     warnings.warn(message, CacheWarning, stacklevel=2)
 
 
+_BEGUN = time.time() - 0.02  # the times of files are up to some hundredths of a second behind
+
+
 @cache
 def code_digest(room: str = ".") -> str:
     """A digest of the code that results depend on, or of one room of it, so that another version
-    computes them anew."""
+    computes them anew.
+
+    Where a file was edited after this process had begun, it may be no text of the code that runs:
+    the digest is then one that no other process has.
+    """
     digest = hashlib.sha256()
-    for path in sorted((Path(str(resources.files("holdfast"))) / room).rglob("*.py")):
-        digest.update(path.read_bytes())
+    for source in sorted((Path(str(resources.files("holdfast"))) / room).rglob("*.py")):
+        digest.update(source.read_bytes())
+        status = source.stat()
+        if max(status.st_mtime, status.st_ctime) > _BEGUN:
+            digest.update(secrets.token_bytes(16))
     return digest.hexdigest()
 
 
