@@ -184,6 +184,19 @@ def test_a_file_that_is_in_the_store_and_not_yet_in_its_index_is_not_fetched_aga
     assert web.kernels_asked() == [None]
 
 
+def test_a_file_can_be_read_before_the_index_of_the_store_has_it(web, kernel, monkeypatch):
+    write, values = Store._write, []
+
+    def written_late(store, entries):
+        (entry,) = entries.values()
+        values.append(hf.load(store.folder / entry.file).values())
+        write(store, entries)
+
+    monkeypatch.setattr(Store, "_write", written_late)
+    assert is_loaded(web, kernel)
+    assert np.array_equal(values, [kernel[0].values()])
+
+
 def test_an_index_that_is_endless_or_a_page_is_refused(web, kernel, monkeypatch):
     (web.folder / INDEX).write_text("<html>sign in</html>")
     with pytest.raises(OutputError, match="is no index of kernels"):

@@ -326,10 +326,11 @@ class Store:
             self._write({**entries, entry.name: entry})
         return entry
 
-    def take(self, part: Path, entry: Entry) -> Entry:
-        """Move a file that was checked into the store.
+    def take(self, file: IO[bytes], part: Path, entry: Entry) -> Entry:
+        """Move a file that was checked, open and locked at `part`, into the store.
 
         It gets its name or, where another kernel has that, the beginning of its digest behind it.
+        It is locked no more when the index has it: HDF5 reads no file that is.
         """
         with self.alone():
             entries = self.entries()
@@ -342,6 +343,7 @@ class Store:
                 os.replace(part, self.folder / entry.file)
             except OSError as error:
                 raise not_written(self.folder / entry.file, error, self.option) from None
+            unlocked(file.fileno())
             self._write({**entries, entry.name: entry})
         return entry
 
@@ -427,6 +429,14 @@ def locked(file: int) -> None:
         fcntl.flock(file, fcntl.LOCK_EX)
 
 
+def unlocked(file: int) -> None:
+    """Have others lock or read this open file."""
+    with contextlib.suppress(ImportError):
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_UN)
+
+
 PATIENCE = 30.0
 """Seconds without an answer after which a download is given up."""
 
@@ -475,7 +485,7 @@ def downloaded(address: str, entry: Entry, store: Store) -> Entry:
                     remedy="fetch it again; if that fails, tell its author",
                 )
             os.fsync(file.fileno())
-            return store.take(part, entry)
+            return store.take(file, part, entry)
     except OSError as error:
         raise not_written(part, error, STORE_VARIABLE) from None
 
