@@ -17,6 +17,7 @@ its content, so that a truncated one is compiled again.
 from __future__ import annotations
 
 import atexit
+import contextlib
 import errno
 import hashlib
 import json
@@ -51,6 +52,7 @@ LONGEST = 80
 _HOST = re.sub(r"[^A-Za-z0-9]+", "_", socket.gethostname())[:60] or "host"
 _LEFT_OVER = re.compile(r"\..*\.by-(?P<host>\w+)-(?P<process>\d+)-[0-9a-f]{16}\.partial")
 _unfinished: set[Path] = set()
+_folders_made: set[Path] = set()
 _one_at_a_time = threading.RLock()
 _thread = threading.local()
 
@@ -151,12 +153,16 @@ def kept_at_the_end(folder: Path) -> None:
 
 @atexit.register
 def discard_unfinished() -> None:
-    """Remove every file that this process has not finished; called when the process ends."""
+    """Remove every file that this process has not finished, and every folder that it made and that
+    is empty; called when the process ends."""
     for path in list(_unfinished):
         try:
             path.unlink(missing_ok=True)
         except OSError:
             shutil.rmtree(path, ignore_errors=True)
+    for folder in sorted(_folders_made, reverse=True):  # those within others first
+        with contextlib.suppress(OSError):
+            folder.rmdir()
 
 
 def undisturbed(work: Callable[[], T]) -> T:
@@ -243,8 +249,12 @@ def check_writable(folder: Path, option: str = "--out") -> None:
 
 
 def make_folder(folder: Path, option: str = "--out") -> None:
+    """Make a folder of results, before the work; one that stays empty is removed again."""
+    absolute = folder.absolute()
     try:
+        missing = [place for place in (absolute, *absolute.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
+        _folders_made.update(missing)
     except OSError as error:
         raise OutputError(
             f"the folder {folder} cannot be made ({error.strerror})",
