@@ -37,7 +37,7 @@ def test_report_says_what_was_marched(value):
     assert report.title is None
 
 
-def test_share_of_the_nodes_that_a_refined_march_computes_is_one():
+def test_share_of_the_nodes_that_a_refined_march_computes_is_below_one():
     grid = hf.grid(SYSTEM, {"x": (-1.5, 1.5)}, 41)
     value = hf.viability_kernel(SYSTEM, ROOM, grid, horizon=1.0, refine=4)
     assert 0 < value.report.marched_share < 1

@@ -702,8 +702,9 @@ class March:
             if count > MOST_STEPS:
                 raise self._too_many(count, (end - now) / count, now)
             dt = (end - now) / count
-            at = (now, now + 0.5 * dt, now + dt) if self.varying else (0.0,)
-            needed = math.ceil((end - now) / min(self._longest_step(at), longest) - 1e-9)
+            at = (now, now + 0.5 * dt, now + dt)
+            step = self._longest_step(at) if self.varying else self.longest_step
+            needed = math.ceil((end - now) / min(step, longest) - 1e-9)
         return count
 
     def _too_many(self, count: int, longest: float, tau: float) -> SimulationError:
