@@ -255,7 +255,7 @@ class BlockTasks:
         workers = self._workers if several else self._alone
         workers.share(0, count)
         memory = [self._code.memory(self._blocks.sizes) for _ in range(workers.threads)]
-        rows = np.array([[*map(address, own), *arguments] for own in memory])
+        rows = np.array([[*map(address, of_thread), *arguments] for of_thread in memory])
         return workers.run(self._code.places[name], rows)
 
     def _of_chosen(self, name: str, chosen: Flags, *arguments: Any) -> None:

@@ -174,9 +174,9 @@ MOST_ARGUMENTS = 32
 @cache
 def _loops() -> tuple[Callable[..., None], ...]:
     """`serve`, `lead` and `gather` of `worker_loop.py`."""
-    names, known = ("serve", "lead", "gather"), scalars("level_set/worker_loop")
-    machine = compiled_text(scalars_text(known, names), optimised=True)
-    return tuple(machine.function(n, len(known.functions[n].parameters)) for n in names)
+    names, text = ("serve", "lead", "gather"), scalars("level_set/worker_loop")
+    machine = compiled_text(scalars_text(text, names), optimised=True)
+    return tuple(machine.function(n, len(text.functions[n].parameters)) for n in names)
 
 
 class Workers:
@@ -380,8 +380,8 @@ class MarchArrays:
             self._of_stage = u.copy(), numbers.copy()
             room = range(workers.threads)
             self._memory = [self.march.code.memory(self._room) for _ in room]
-        for own, new in zip(self._of_stage, (u, numbers), strict=True):
-            own[:] = new
+        for buffer, new in zip(self._of_stage, (u, numbers), strict=True):
+            buffer[:] = new
         stage = s, measures, self._arrays_turned, self._flags_turned
         if stage not in self._arguments:
             self._arguments[stage] = self._arguments_of(s, measures)
@@ -401,7 +401,7 @@ class MarchArrays:
             address(self._leaves[measures]), address(self.sizes),
             address(march.axes), march.axes.shape[1],
         ]  # fmt: skip
-        return np.array([[*map(address, own), *same] for own in self._memory])
+        return np.array([[*map(address, of_thread), *same] for of_thread in self._memory])
 
     def ended(self, s: int) -> None:
         """After a stage: of a method with a single one the arrays change places."""
@@ -606,7 +606,7 @@ class Sweeping(StagesHere, MarchArrays):
             address(values), len(values), address(shape), len(shape), address(fold.places),
             fold.places.shape[1], fold.axis, address(chosen), len(chosen),
         ]  # fmt: skip
-        arguments = np.array([[address(own), *same] for own in tried])
+        arguments = np.array([[address(of_thread), *same] for of_thread in tried])
         self._workers.run(self.march.code.mirror, arguments)
 
 
