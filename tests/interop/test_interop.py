@@ -108,6 +108,20 @@ def test_environment_passes_the_checker_of_gymnasium():
     assert made.action_space.shape == (2,), "two thrusters"
 
 
+@pytest.mark.filterwarnings("ignore")  # of observations: a position has no bound
+def test_environment_with_a_filter_passes_the_checker_of_gymnasium():
+    pytest.importorskip("gymnasium")
+    from gymnasium.utils.env_checker import check_env
+
+    from holdfast.interop.gymnasium import Environment, Filtered
+
+    vehicle, view = hf.systems.marine_vehicle(), hf.regions.camera_view()
+    box = {"x": (-1.2, -0.8), "y": (-0.1, 0.1), "psi": (-0.1, 0.1)}
+    inner = Environment(vehicle, view, box=box, horizon=5, sample_time=0.05)
+    check_env(Filtered(inner, hf.SafetyFilter(vehicle, view, sample_time=0.05)),
+              skip_render_check=True)  # fmt: skip
+
+
 def test_environment_moves_as_the_simulation_does():
     pytest.importorskip("gymnasium")
     from holdfast.interop.gymnasium import Environment

@@ -75,6 +75,12 @@ class TableInParts:
     def __reduce__(self) -> tuple[type, tuple[Source]]:
         return TableInParts, (self.source,)
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TableInParts) and self.source == other.source
+
+    def __hash__(self) -> int:
+        return hash(self.source)
+
     @property
     def nbytes(self) -> int:
         """The bytes of the whole table."""

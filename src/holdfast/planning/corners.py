@@ -29,6 +29,7 @@ from holdfast.maths.catalogue.laws.follow_leader import SEEN
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.switching import Switching, Transition
+from holdfast.maths.definitions.value import Value
 from holdfast.maths.expressions.functions import length, magnitude, wrap
 from holdfast.maths.formations.footprint import direction_of
 from holdfast.maths.reference_fields.dipole import UNSEEN
@@ -177,8 +178,8 @@ QUICK = 0.5
 """A step in time, as a share of the fastest time constant of a follower."""
 
 
-@dataclass(frozen=True)
-class Convoy:
+@dataclass(frozen=True, eq=False)
+class Convoy(Value):
     """The robots: the leader's `speed` [m/s] and `gain` kL [1/s], and the followers.
 
     laws: one for each follower; distance [m]: of each behind the one before it. rule: "arc" starts
@@ -511,8 +512,8 @@ def _clearance(
     return least
 
 
-@dataclass(frozen=True)
-class Course:
+@dataclass(frozen=True, eq=False)
+class Course(Value):
     """The result of planning: the fields of the route, and the arcs around its corners."""
 
     fields: Fields

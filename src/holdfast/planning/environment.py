@@ -26,6 +26,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
 from holdfast.host.files import read_small_text
 from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.definitions.value import Value
 from holdfast.maths.formations.footprint import (
     Edge,
     Field,
@@ -104,8 +105,8 @@ class Passage:
         return math.dist(self.a, self.b)
 
 
-@dataclass(frozen=True)
-class Environment:
+@dataclass(frozen=True, eq=False)
+class Environment(Value):
     """Cells as given, and for the centres of robots of `robot_radius`: `inner`, with `passages`.
 
     passages: (cell, next cell) -> their common segment; `closed` explains why two touching cells
@@ -492,8 +493,8 @@ DEPTH = 0.1
 """Depth of the faces' influence in a blended cell, as a share of the root of its area."""
 
 
-@dataclass(frozen=True)
-class Fields:
+@dataclass(frozen=True, eq=False)
+class Fields(Value):
     """One field for every leg of a route, in xL and yL, with the values of its parameters."""
 
     route: Route

@@ -9,6 +9,7 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +22,7 @@ from holdfast.analysis.certificates.certified_law import (
     check_fits,
     check_usable,
 )
-from holdfast.analysis.online.controller import Given, numbers, time_of
+from holdfast.analysis.online.controller import Given, Remade, numbers, time_of
 from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.arguments import checked
 from holdfast.errors import ArgumentError, DefinitionError, SimulationError, check_name
@@ -95,7 +96,7 @@ MOST_TOGETHER = 1 << 16
 """Inputs at states that are enclosed at a time."""
 
 
-class CertifiedFilter:
+class CertifiedFilter(Remade):
     """The least change of a command that a certificate allows, sample by sample.
 
         u = w,  if from x the input w, held for T, surely leads to certified cells and keeps the
@@ -237,6 +238,12 @@ class CertifiedFilter:
     def reset(self) -> None:
         """Begin anew: the time is 0."""
         self._count = 0
+
+    def _now(self) -> Any:
+        return self._count
+
+    def _resume(self, earlier: Any) -> None:
+        self._count = earlier
 
     def prepare(self) -> None:
         """All is compiled already."""

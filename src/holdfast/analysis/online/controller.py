@@ -8,8 +8,9 @@ What a controller is given at a sample is one row of numbers; what is wrong with
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,7 @@ from holdfast.maths.control.velocity_tracking import commanded
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.value import content, picklable
 
 Given = Mapping[str, float] | Sequence[float] | Array
 """Numbers by name, or in the order of their names."""
@@ -184,7 +186,49 @@ def time_of(t: float | None, count: int, sample_time: float) -> float:
         raise SimulationError(f"t is {t!r}"[:80], expected="a number of seconds") from None
 
 
-class Plant:
+class Remade:
+    """What is copied, compared, hashed and pickled by the arguments that it was made of.
+
+    A copy goes on from the sample at which it was taken; whether two are equal does not depend on
+    that. In another process it is made anew, with the code that is compiled there.
+    """
+
+    _arguments: tuple[tuple[Any, ...], dict[str, Any]]
+
+    def __new__(cls, *arguments: Any, **by_name: Any) -> Self:
+        made = super().__new__(cls)
+        made._arguments = arguments, by_name
+        return made
+
+    def _now(self) -> Any:
+        """What changes from sample to sample."""
+        raise NotImplementedError
+
+    def _resume(self, earlier: Any) -> None:
+        raise NotImplementedError
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _remade, (type(self), picklable(self._arguments), self._now())
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        return self is other or content(self._arguments) == content(other._arguments)
+
+    def __hash__(self) -> int:
+        return hash((type(self), content(self._arguments)))
+
+
+def _remade(of: type[Remade], arguments: tuple[Any, dict[str, Any]], earlier: Any) -> Remade:
+    by_place, by_name = arguments
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they were given where it was made first
+        made = of(*by_place, **by_name)
+    made._resume(earlier)
+    return made
+
+
+class Plant(Remade):
     """A system that moves by one control sample at a time, with its inputs held and limited.
 
     start: the states. sample_time [s]: `substeps` classical Runge-Kutta steps each, as in
@@ -251,6 +295,13 @@ class Plant:
         """The states now, shape (states,)."""
         return self._state.copy()
 
+    def _now(self) -> Any:
+        return self._state, self.t, self._count
+
+    def _resume(self, earlier: Any) -> None:
+        state, self.t, self._count = earlier
+        self._state = state.copy()
+
 
 class Composed(Protocol):
     """A scenario of closed loops."""
@@ -288,7 +339,7 @@ class Command(NamedTuple):
     valid: bool
 
 
-class Controller:
+class Controller(Remade):
     """Any law, with modes, a memory, a safeguard or a kernel, for one vehicle.
 
     of: a scenario (`load_scenario`), whose kernel is computed if its law has one; or a system,
@@ -342,6 +393,7 @@ class Controller:
         felt = tuple(n for n in self.system.disturbance_names if n in reads)
         self._told = Measurements(self._program, self.system.state_names, felt)
         self._count = 0
+        self._arguments = (self.system, self.law), {"sample_time": self.sample_time}
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -391,3 +443,10 @@ class Controller:
         """Begin anew: the first mode, no memory, the time 0."""
         self._samples.reset()
         self._count = 0
+
+    def _now(self) -> Any:
+        return self._count, self._samples.now()
+
+    def _resume(self, earlier: Any) -> None:
+        self._count, samples = earlier
+        self._samples.resume(samples)

@@ -15,6 +15,8 @@ from dataclasses import asdict, dataclass, field, fields
 from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.simulation.control_sample import Rows
@@ -140,6 +142,17 @@ class Decision:
     def __deepcopy__(self, memo: object) -> Decision:
         """Itself: nothing of it changes, and environments copy what they tell."""
         return self
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both say the same of the same; NaN is equal to itself."""
+        if not isinstance(other, Decision):
+            return NotImplemented
+        arrays = (self._row, other._row), (self.seen, other.seen)
+        same = all(np.array_equal(a, b, equal_nan=True) for a, b in arrays)
+        return same and hash(self) == hash(other) and self._rows == other._rows
+
+    def __hash__(self) -> int:
+        return hash((self.t, self.status, self.overruled))
 
     def __reduce__(self) -> tuple[object, ...]:
         """What it says, and not the filter."""

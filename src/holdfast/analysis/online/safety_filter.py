@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from holdfast.analysis.online.controller import Given, Measurements, time_of
+from holdfast.analysis.online.controller import Given, Measurements, Remade, time_of
 from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.analysis.online.filter_law import (
     Made,
@@ -295,7 +295,7 @@ def _ends_of(state: Quantity, box: Mapping[str, tuple[float, float]]) -> tuple[f
     return low, high
 
 
-class SafetyFilter:
+class SafetyFilter(Remade):
     """The least change of a command that keeps the state in a set, sample by sample.
 
         minimise  sum_i ((u_i - w_i) / scale_i)^2  over the inputs u within their bounds
@@ -538,6 +538,19 @@ class SafetyFilter:
         """Begin anew: the time is 0, and what an observer estimated is forgotten."""
         self._samples.reset()
         self._count, self._many = 0, None
+
+    def _now(self) -> Any:
+        many = None if self._many is None else (self._many.count, self._many.now())
+        return self._count, self._samples.now(), self._of_many, many
+
+    def _resume(self, earlier: Any) -> None:
+        self._count, samples, self._of_many, many = earlier
+        self._samples.resume(samples)
+        self._many = None
+        if many is not None:
+            count, of_many = many
+            self._many = ControlSamples(self._program, self.sample_time, count)
+            self._many.resume(of_many)
 
     def prepare(self) -> None:
         """Compile what the sentences of decisions look ahead with, which the first one would."""

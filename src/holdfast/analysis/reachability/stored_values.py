@@ -126,6 +126,17 @@ class StoredValues:
     def __setstate__(self, state: tuple[Path, str, int, None, Stamp]) -> None:
         self.__init__(*state)  # type: ignore[misc]
 
+    def __eq__(self, other: object) -> bool:
+        """Whether it is the same array of the same file, unchanged since."""
+        return isinstance(other, StoredValues) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[Path, str, Stamp]:
+        return self.path, self.name, self.stamp
+
     @property
     def size(self) -> int:
         """The number of entries."""
@@ -280,6 +291,16 @@ class Part:
         self._shape = stored.shape[len(self._first) :]
         self.size, self.room = math.prod(self._shape), stored.room
         self.dtype = of(np.zeros(1, stored.dtype)).dtype
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Part) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[StoredValues, tuple[int, ...], Change]:
+        return self.stored, self._first, self.of
 
     def take(self, nodes: npt.NDArray[np.int64]) -> AnyArray:
         """The entries of these numbers; both have the shape (nodes,)."""

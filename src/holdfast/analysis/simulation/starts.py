@@ -13,6 +13,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.value import Value
 
 _DRAWS = 200  # batches of random states tried for each group of active inequalities
 _INSIDE = 1e-9  # how far inside the boundary a start on it lies
@@ -20,8 +21,8 @@ _BLOCK = 4096  # starts of a group that are found together
 
 
 @checked
-@dataclass(frozen=True)
-class Starts:
+@dataclass(frozen=True, eq=False)
+class Starts(Value):
     """Initial states: `states`, each a mapping (states left out are 0), then `random` ones.
 
     The random ones are uniform over the states of `box` (state -> (lowest, highest); states

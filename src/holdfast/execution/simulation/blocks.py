@@ -236,6 +236,19 @@ class BlockNumbers:
         for name, value in constants.items():
             self.rows(name)[:] = value
 
+    def now(self) -> tuple[Array, Whole]:
+        """All that these numbers are now; blocks of the same layout `resume` it, in another process
+        too. The shapes are those of w and s."""
+        return self.w.copy(), self.s.copy()
+
+    def resume(self, earlier: tuple[Array, Whole]) -> None:
+        """The numbers are as they were; what they are of stays where it is in memory."""
+        w, s = earlier
+        places = [LOG_AT, RINGS_AT, *(self.layout.tables if self.program.table is not None else ())]
+        addresses = self.s[:, places].copy()
+        self.w[:], self.s[:] = w, s
+        self.s[:, places] = addresses
+
     def rows(self, name: str) -> Array:
         """The rows of a quantity, shape (blocks, rows, width): each row has a number for every
         lane."""

@@ -6,7 +6,7 @@ Of a compiled controller that is called so, and of a whole closed loop, for othe
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -165,6 +165,15 @@ class ControlSamples:
         blocks.rows("alive")[:, 0] = lanes.reshape(-1, WIDTH)
         self._off[:] = np.nan
         self.begun = False
+
+    def now(self) -> tuple[Any, bool]:
+        """What is carried from the last sample to the next, for `resume`."""
+        return self.blocks.now(), self.begun
+
+    def resume(self, earlier: tuple[Any, bool]) -> None:
+        """Go on from there."""
+        numbers, self.begun = earlier
+        self.blocks.resume(numbers)
 
     def answer(self, t: float, seen: Array) -> Array:
         """The numbers (see `rows`) at a sample of the one controller, from what it sees. seen:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import TypeVar
 
 import sympy as sp
@@ -23,17 +22,17 @@ from holdfast.maths.definitions.quantity import (
     Quantity,
     check_symbols,
     check_unique,
-    frozen,
     merge_parameters,
     symbol,
 )
+from holdfast.maths.definitions.value import FrozenDict, Value, frozen
 from holdfast.maths.expressions.traversal import at_numbers
 
 T = TypeVar("T", bound="Lookup")
 
 
-@dataclass(frozen=True)
-class Lookup:
+@dataclass(frozen=True, eq=False)
+class Lookup(Value):
     """V and its slopes at `places`: expressions of quantities a law reads, one for every axis.
 
     `value` and `slopes` (dV/d place, one for every axis) stand for them in expressions. `table`
@@ -43,7 +42,7 @@ class Lookup:
     """
 
     places: tuple[sp.Expr, ...]
-    table: object = field(repr=False, compare=False)
+    table: object = field(repr=False)
     first_time: float = 0.0
     timed: bool = False
     unit: str = "1"
@@ -65,7 +64,7 @@ class Lookup:
         return replace(self, places=tuple(e.xreplace(values) for e in self.places))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SampledLookup(Lookup):
     """The value of a sampled game, of inputs that are held for `hold` [s].
 
@@ -82,7 +81,7 @@ class SampledLookup(Lookup):
         return super().symbols if self.sloped else (self.value,)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CellLookup(Lookup):
     """What is known of the cell that `places` are in, in place of a value between nodes.
 
@@ -115,7 +114,7 @@ Conditions = tuple[sp.Expr, ...]
 
 
 @dataclass(frozen=True)
-class Option:
+class Option(Value):
     """Inputs that are given where `when` < 0, and no option before has its own conditions.
 
     Where one of `when` is 0 and none is above, they may be given or those of a later option.
@@ -134,7 +133,7 @@ class Option:
 
 
 @dataclass(frozen=True)
-class Program:
+class Program(Value):
     """Inputs that a safeguard gives where `when` < 0, and no option before has its own conditions.
 
         minimise  sum_i ((u_i - w_i) / s_i)^2   subject to   n_j . u <= b_j
@@ -162,7 +161,7 @@ class Program:
 
 
 @dataclass(frozen=True)
-class LawCases:
+class LawCases(Value):
     """A sampled law: in each mode the options of which one is taken at a sample.
 
     modes: their names. initial: the number of the first one. options: of each mode, in order: the
@@ -188,7 +187,7 @@ class LawCases:
 
 @checked
 @dataclass(frozen=True)
-class GainCondition:
+class GainCondition(Value):
     """A stability condition value < limit on the gains, and the consequence of violating it.
 
     Besides parameters it may use `SAMPLE_TIME` and `DELAY`. `closed`: the limit itself is allowed.
@@ -225,7 +224,7 @@ MOST_LEVELS = 6
 
 
 @dataclass(frozen=True)
-class Foresight:
+class Foresight(Value):
     """A condition of a safeguard on the value W of a sampled game, one sample ahead:
 
         W(base + (gains + curves u) u + move_r) >= level   for every r
@@ -319,7 +318,7 @@ class Foresight:
 
 @checked
 @dataclass(frozen=True)
-class Safeguard:
+class Safeguard(Value):
     """A safety filter (CBF-QP): half-spaces sum_i normals_ij u_i <= offsets_j of the inputs.
 
     The input that a law requests is replaced by the nearest one in the half-spaces, in units of
@@ -345,7 +344,7 @@ class Safeguard:
             raise DefinitionError(
                 f"a safeguard with {len(self.levels)} levels", expected=f"at most {MOST_LEVELS}"
             )
-        object.__setattr__(self, "normals", MappingProxyType(dict(self.normals)))
+        object.__setattr__(self, "normals", FrozenDict(dict(self.normals)))
         object.__setattr__(self, "scales", frozen(self.scales))
 
     @property
@@ -384,7 +383,7 @@ class Safeguard:
 
 @checked
 @dataclass(frozen=True)
-class Law:
+class Law(Value):
     """u_i = outputs_i(t, q; p).
 
     `reads` are the quantities the law may use, all of them measured: states, and disturbances

@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import sympy as sp
@@ -19,7 +18,7 @@ import sympy as sp
 from holdfast.arguments import InItsUnit, checked
 from holdfast.errors import DefinitionError, HoldfastError
 from holdfast.maths.expressions.functions import FUNCTIONS, PROCESSES
-from holdfast.maths.expressions.traversal import canonical, parts
+from holdfast.maths.expressions.traversal import parts
 from holdfast.maths.expressions.written import FUNCTIONS as COMPILED
 
 if TYPE_CHECKING:
@@ -299,11 +298,6 @@ def merge_parameters(*groups: Iterable[Parameter]) -> tuple[Parameter, ...]:
                     remedy="give both the same value or rename one",
                 )
     return tuple(merged.values())
-
-
-def frozen(expressions: Mapping[str, object]) -> Mapping[str, sp.Expr]:
-    """A mapping of expressions, in canonical form, that cannot be changed."""
-    return MappingProxyType({name: canonical(e) for name, e in expressions.items()})
 
 
 def whole_number(value: object, what: str, least: int, most: int) -> int:

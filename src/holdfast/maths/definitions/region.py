@@ -26,6 +26,7 @@ from holdfast.maths.definitions.quantity import (
     check_unique,
     merge_parameters,
 )
+from holdfast.maths.definitions.value import Value
 from holdfast.maths.expressions.functions import greatest
 from holdfast.maths.expressions.traversal import canonical
 
@@ -74,7 +75,7 @@ Shape = Segment | Cone | Footprint | Circle
 
 @checked
 @dataclass(frozen=True)
-class Inequality:
+class Inequality(Value):
     """expression <= 0, in the unit given. scale: how much of it, in that unit, counts as 1."""
 
     name: str
@@ -99,7 +100,7 @@ class Inequality:
 
 @checked
 @dataclass(frozen=True)
-class Region:
+class Region(Value):
     """K = { q : c_j(q) <= 0 for every j } (thesis (5.4), with its parameters).
 
     `reads` are the states the inequalities use. `scene` holds the shapes to draw. A moving region,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import sympy as sp
 
@@ -23,15 +22,15 @@ from holdfast.maths.definitions.quantity import (
     Quantity,
     check_symbols,
     check_unique,
-    frozen,
     merge_parameters,
 )
+from holdfast.maths.definitions.value import FrozenDict, Value, frozen
 from holdfast.maths.expressions.traversal import canonical
 
 
 @checked
 @dataclass(frozen=True)
-class Memory:
+class Memory(Value):
     """z(0) = initial(q), z(k+1) = following(q(k), z(k), u(k)) for the quantities z.
 
     `reads` are measured quantities. `inputs` are those of the system: the command to the
@@ -89,7 +88,7 @@ def joined(one: Memory | None, other: Memory) -> Memory:
 
 @checked
 @dataclass(frozen=True)
-class Transition:
+class Transition(Value):
     """source -> target as soon as `when` >= 0.
 
     Hysteresis is a pair of transitions whose expressions are offset against each other; a
@@ -106,7 +105,7 @@ class Transition:
 
 @checked
 @dataclass(frozen=True)
-class Switching:
+class Switching(Value):
     """Modes (each a `Law` with the same outputs), guarded transitions and the first mode.
 
     At every control sample the transitions out of the current mode are tried in the order
@@ -131,7 +130,7 @@ class Switching:
             raise DefinitionError(f"{owner} has no modes")
         object.__setattr__(self, "initial", self.initial or next(iter(self.modes)))
         object.__setattr__(self, "signals", frozen(self.signals))
-        object.__setattr__(self, "modes", MappingProxyType(dict(self.modes)))
+        object.__setattr__(self, "modes", FrozenDict(dict(self.modes)))
         outputs = next(iter(self.modes.values())).output_names
         for name, law in self.modes.items():
             if set(law.output_names) != set(outputs):

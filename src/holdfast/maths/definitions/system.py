@@ -27,11 +27,11 @@ from holdfast.maths.definitions.quantity import (
     Quantity,
     check_symbols,
     check_unique,
-    frozen,
     merge_parameters,
     symbol,
 )
 from holdfast.maths.definitions.switching import Switching, Transition
+from holdfast.maths.definitions.value import Value, frozen
 from holdfast.maths.expressions.traversal import canonical, derivatives
 
 NODES = 16
@@ -42,7 +42,7 @@ FORMER_CURRENT = ("Vx", "Vy")
 
 @checked
 @dataclass(frozen=True)
-class Antiderivative:
+class Antiderivative(Value):
     """A quantity int_0^upper integrand d(variable), which no elementary function is.
 
     upper: an expression of the states. integrand: of `variable` and parameters. Its derivative is
@@ -80,7 +80,7 @@ class Antiderivative:
 
 @checked
 @dataclass(frozen=True)
-class FlatOutput:
+class FlatOutput(Value):
     """The flat output (z1, zn) of a system, from which its chained coordinates follow.
 
     first: z1. last: (zk, ..., zn), at least zn; those before it spare the search their
@@ -157,7 +157,7 @@ def by_measurements(system: System, law: Law | Switching) -> Law | Switching:
 
 @checked
 @dataclass(frozen=True)
-class PfaffianRow:
+class PfaffianRow(Value):
     """One constraint on the velocities: sum_i coefficients[i] * qdot_i = rhs.
 
     Catastatic when rhs is zero (thesis (5.2)); a current or a sway velocity makes it
@@ -174,7 +174,7 @@ class PfaffianRow:
 
 @checked
 @dataclass(frozen=True)
-class System:
+class System(Value):
     """States q, inputs u, disturbances d, parameters p, rates f and Pfaffian rows.
 
     `rates` maps every state to its rate. samples: the number of points per coordinate that replace

@@ -6,21 +6,21 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
-from holdfast.maths.definitions.quantity import Parameter, frozen, symbol
+from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.definitions.value import FrozenDict, Value, frozen
 
 MOST_VERTICES = 1024
 """Vertices of a box of ten draws, all tried from every start."""
 
 
 @checked
-@dataclass(frozen=True)
-class Varied:
+@dataclass(frozen=True, eq=False)
+class Varied(Value):
     """Parameters whose values differ from run to run.
 
     draws: name -> (lowest, highest), uniform and independent; a name that is not yet a
@@ -122,7 +122,7 @@ class Varied:
             if name in self.draws or name in self.values:
                 raise DefinitionError(f"'{name}' has cases and is drawn or given a value")
         columns = {name: tuple(map(float, column)) for name, column in self.cases.items()}
-        object.__setattr__(self, "cases", MappingProxyType(columns))
+        object.__setattr__(self, "cases", FrozenDict(columns))
 
     @property
     def case_count(self) -> int:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.errors import ScenarioError
 from holdfast.host.files import make_folder, saved, write_summary
+from holdfast.maths.definitions.value import Value
 
 if TYPE_CHECKING:
     from holdfast.analysis.online.safety_filter import SafetyFilter
@@ -24,7 +25,7 @@ Bar = Callable[[str], AbstractContextManager[Callable[[str, float], None]]]
 FILTERED = "closed loops with [law] external = true, and a [safeguard] or [safety]"
 
 
-class Composed(ABC):
+class Composed(Value, ABC):
     """A scenario whose tables are checked and composed; `answer` is what its `run` returns."""
 
     name: str

@@ -92,7 +92,7 @@ class RunSettings(SettingsOptions, total=False):
     stepper: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scenario(Composed):
     """A composed scenario, ready to run; `law` is the one before [safety], which `kept` adds.
 

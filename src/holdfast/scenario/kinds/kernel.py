@@ -58,7 +58,7 @@ class KernelResult:
         return {**self.value.summary(), **tried}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class KernelScenario(SetScenario):
     """A composed scenario whose answer is a value function."""
 

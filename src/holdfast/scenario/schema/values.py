@@ -36,6 +36,7 @@ from holdfast.arguments import Least, Two, Unit, UnitsOf, hints_of
 from holdfast.errors import HoldfastError, RenamedWarning, ScenarioError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, to_si
 from holdfast.maths.definitions.system import FlatOutput
+from holdfast.maths.definitions.value import content
 from holdfast.maths.expressions.parser import parse_formula
 
 Value = float | str
@@ -91,6 +92,9 @@ class Section(BaseModel):
     renamed: ClassVar[Renamed] = {}
     units: ClassVar[Mapping[str, Meaning]] = {}
     """Key -> what it means, of those that are arguments."""
+
+    def __hash__(self) -> int:
+        return hash((type(self), content(self.__dict__)))
 
     def __init_subclass__(cls, of: Sequence[Any] = (), without: Sequence[str] = (), **more: Any):
         super().__init_subclass__(**more)

@@ -19,6 +19,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.value import Value
 from holdfast.maths.expressions.functions import clip, greatest, magnitude, select, sgn
 from holdfast.maths.expressions.traversal import at_numbers
 
@@ -36,7 +37,7 @@ costate at which an input switches. Whether it may switch decides the dissipatio
 matter of rounding: the last millionth of the spread does not count."""
 
 
-class Bounds(ABC):
+class Bounds(Value, ABC):
     """A set of admissible values."""
 
     if TYPE_CHECKING:  # a field or a property of the set

@@ -1,0 +1,146 @@
+"""Definitions as values: compared, hashed, copied and pickled by what they have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Set
+from dataclasses import fields, is_dataclass
+from functools import cached_property
+from typing import Any, Self, TypeVar
+
+import numpy as np
+import sympy as sp
+
+from holdfast.maths.expressions.traversal import canonical
+
+Key = TypeVar("Key")
+Held = TypeVar("Held")
+
+
+class FrozenDict(dict[Key, Held]):
+    """A mapping that does not change."""
+
+    __slots__ = ()
+
+    def _refuse(self, *_: object, **__: object) -> Any:
+        raise TypeError("a part of a definition cannot be changed; make another with replace()")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(content(self))
+
+    def __copy__(self) -> FrozenDict[Key, Held]:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return FrozenDict, (picklable(dict(self)),)
+
+
+def frozen(expressions: Mapping[str, object]) -> Mapping[str, sp.Expr]:
+    """A mapping of expressions, in canonical form, that cannot be changed."""
+    return FrozenDict({name: canonical(e) for name, e in expressions.items()})
+
+
+class Value:
+    """What is compared and hashed by its fields, also where these are arrays or mappings.
+
+    Beside that of a dataclass, which does both faster where every field can be hashed, it has
+    expressions pickled as they are; what is computed once and kept is computed again.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        return self is other or content(self) == content(other)
+
+    def __hash__(self) -> int:
+        return hash(content(self))
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            name: picklable(value)
+            for name, value in self.__dict__.items()
+            if not isinstance(getattr(type(self), name, None), cached_property)
+        }
+
+
+def content(value: Any) -> Any:
+    """What can be hashed, and is equal for equal values only; NaN is equal to itself."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return type(value), *(content(getattr(value, f.name)) for f in fields(value) if f.compare)
+    match value:
+        case np.ndarray() if value.dtype != object:
+            return value.shape, value.dtype.str, value.tobytes()
+        case np.ndarray():
+            return value.shape, *map(content, value.flat)
+        case sp.MatrixBase():
+            return value.shape, *map(content, value.flat())
+        case Mapping():
+            return frozenset((key, content(held)) for key, held in value.items())
+        case list() | tuple():
+            return tuple(map(content, value))
+        case Set():
+            return frozenset(map(content, value))
+        case float() if math.isnan(value):
+            return "NaN"
+    if hasattr(value, "data_vars"):  # a dataset of xarray
+        return content({**value.variables}), content(value.attrs)
+    if hasattr(value, "dims") and hasattr(value, "values"):  # an array with names
+        return value.dims, content(np.asarray(value.values)), content(value.attrs)
+    return value
+
+
+def picklable(value: Any) -> Any:
+    """The same, with expressions that come back as they are: SymPy would evaluate them again."""
+    match value:
+        case sp.Basic() if value.args:
+            return _Pickled(value)
+        case tuple() if type(value) is tuple:
+            return tuple(map(picklable, value))
+        case list() if type(value) is list:
+            return list(map(picklable, value))
+        case dict() if type(value) is dict:
+            return {key: picklable(held) for key, held in value.items()}
+    return value
+
+
+class _Pickled:
+    """An expression, in place of which comes its tree, every part once."""
+
+    def __init__(self, e: sp.Basic) -> None:
+        self.e = e
+
+    def __reduce__(self) -> tuple[Callable[..., sp.Basic], tuple[Any, ...]]:
+        places: dict[sp.Basic, int] = {}
+        nodes: list[Any] = []
+        waiting = [self.e]
+        while waiting:
+            part = waiting[-1]
+            left = [a for a in part.args if a not in places]
+            if left:
+                waiting.extend(left)
+                continue
+            waiting.pop()
+            if part not in places:
+                places[part] = len(nodes)
+                nodes.append((part.func, [places[a] for a in part.args]) if part.args else part)
+        return _expression, (nodes,)
+
+
+def _expression(nodes: list[Any]) -> sp.Basic:
+    parts: list[sp.Basic] = []
+    for node in nodes:
+        if isinstance(node, tuple):
+            function, places = node
+            arguments = [parts[k] for k in places]
+            try:
+                node = function(*arguments, evaluate=False)
+            except TypeError:  # it evaluates nothing
+                node = function(*arguments)
+        parts.append(node)
+    return parts[-1]
