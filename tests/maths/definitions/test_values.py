@@ -3,7 +3,6 @@
 import copy
 import pickle
 from dataclasses import fields, replace
-from importlib import resources
 
 import numpy as np
 import pytest
@@ -12,12 +11,8 @@ import sympy as sp
 import holdfast as hf
 from holdfast.maths.definitions.law import Lookup
 from holdfast.maths.definitions.value import FrozenDict, content, picklable
+from holdfast.scenario.files import scenario_names
 
-SCENARIOS = sorted(
-    p.name.removesuffix(".toml")
-    for p in (resources.files("holdfast") / "scenarios").iterdir()
-    if p.name.endswith(".toml")
-)
 X, Y = hf.symbol("x"), hf.symbol("y")
 
 
@@ -39,7 +34,7 @@ def expressions(part):
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.few("berth-filter", "berth-kernel", "ch4-car", "ch6-corridor", "inspection",
                  "late-propellers", "slipping-view")  # fmt: skip
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", scenario_names())
 def test_a_scenario_and_its_parts_are_equal_to_their_copies(name):
     scenario = hf.load_scenario(name)
     for copied in (pickle.loads(pickle.dumps(scenario)), copy.deepcopy(scenario)):

@@ -44,6 +44,7 @@ from holdfast.execution.resources import check_memory
 from holdfast.execution.table_in_parts import TableInParts, slopes_at, values_at
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.value import InNotebooks
 
 if TYPE_CHECKING:
     from holdfast.analysis.certificates.certificate import Certificate
@@ -446,7 +447,7 @@ def _spread(numbers: Array, periodic: Sequence[bool], choose: Any) -> Array:
 
 
 @dataclass(frozen=True)
-class ValueFunction:
+class ValueFunction(InNotebooks):
     """V over the states, at one time or several; the set is { V > 0 }.
 
     dataset: `value` with one dimension for every state and, if several times were requested,

@@ -17,6 +17,7 @@ from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Truths
 from holdfast.execution.simulation.settings import Outcome
+from holdfast.maths.definitions.value import InNotebooks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from holdfast.maths.definitions.region import Shape
 
 
-class Result:
+class Result(InNotebooks):
     """Trajectories as `dataset`, the shapes to draw, and the reference state for errors.
 
     `scene` are the region's and the goal's shapes, `parameters` the values in them.

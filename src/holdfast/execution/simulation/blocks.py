@@ -238,11 +238,12 @@ class BlockNumbers:
 
     def now(self) -> tuple[Array, Whole]:
         """All that these numbers are now; blocks of the same layout `resume` it, in another process
-        too. The shapes are those of w and s."""
+        too. w: shape (blocks, numbers); s: shape (blocks, entries)."""
         return self.w.copy(), self.s.copy()
 
     def resume(self, earlier: tuple[Array, Whole]) -> None:
-        """The numbers are as they were; what they are of stays where it is in memory."""
+        """The numbers are as they were; addresses stay. earlier: of the shapes (blocks, numbers)
+        and (blocks, entries)."""
         w, s = earlier
         places = [LOG_AT, RINGS_AT, *(self.layout.tables if self.program.table is not None else ())]
         addresses = self.s[:, places].copy()

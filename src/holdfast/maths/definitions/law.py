@@ -22,10 +22,11 @@ from holdfast.maths.definitions.quantity import (
     Quantity,
     check_symbols,
     check_unique,
+    frozen,
     merge_parameters,
     symbol,
 )
-from holdfast.maths.definitions.value import FrozenDict, Value, frozen
+from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
 from holdfast.maths.expressions.traversal import at_numbers
 
 T = TypeVar("T", bound="Lookup")
@@ -382,8 +383,8 @@ class Safeguard(Value):
 
 
 @checked
-@dataclass(frozen=True)
-class Law(Value):
+@dataclass(frozen=True, repr=False)
+class Law(Printed):
     """u_i = outputs_i(t, q; p).
 
     `reads` are the quantities the law may use, all of them measured: states, and disturbances
@@ -408,6 +409,18 @@ class Law(Value):
     handed: tuple[Quantity, ...] = ()
     description: str = ""
     source: str = ""
+
+    def _lines(self) -> tuple[str, list[str], list[str]]:
+        reads = ", ".join(q.name for q in (*self.reads, *self.handed))
+        last = [f"kept by {len(self.safeguard.offsets)} conditions"] if self.safeguard else []
+        if self.lookup is not None:
+            places = ", ".join(short_text(e) for e in self.lookup.places)
+            last.append(f"looks up a table at {places}")
+        if self.parameters:
+            numbers = ", ".join(f"{q.name} = {q.value:g} {q.unit}" for q in self.parameters)
+            last.append(f"parameters: {numbers}")
+        outputs = [f"{n} = {short_text(e)}" for n, e in self.outputs.items()]
+        return f"Law '{self.name}' of {reads or 'nothing'}", outputs, last
 
     def __post_init__(self) -> None:
         owner = f"law '{self.name}'"

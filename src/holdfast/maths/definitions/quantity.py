@@ -17,8 +17,9 @@ import sympy as sp
 
 from holdfast.arguments import InItsUnit, checked
 from holdfast.errors import DefinitionError, HoldfastError
+from holdfast.maths.definitions.value import FrozenDict
 from holdfast.maths.expressions.functions import FUNCTIONS, PROCESSES
-from holdfast.maths.expressions.traversal import parts
+from holdfast.maths.expressions.traversal import canonical, parts
 from holdfast.maths.expressions.written import FUNCTIONS as COMPILED
 
 if TYPE_CHECKING:
@@ -298,6 +299,11 @@ def merge_parameters(*groups: Iterable[Parameter]) -> tuple[Parameter, ...]:
                     remedy="give both the same value or rename one",
                 )
     return tuple(merged.values())
+
+
+def frozen(expressions: Mapping[str, object]) -> Mapping[str, sp.Expr]:
+    """A mapping of expressions, in canonical form, that cannot be changed."""
+    return FrozenDict({name: canonical(e) for name, e in expressions.items()})
 
 
 def whole_number(value: object, what: str, least: int, most: int) -> int:

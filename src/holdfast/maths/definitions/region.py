@@ -26,7 +26,7 @@ from holdfast.maths.definitions.quantity import (
     check_unique,
     merge_parameters,
 )
-from holdfast.maths.definitions.value import Value
+from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.functions import greatest
 from holdfast.maths.expressions.traversal import canonical
 
@@ -99,8 +99,8 @@ class Inequality(Value):
 
 
 @checked
-@dataclass(frozen=True)
-class Region(Value):
+@dataclass(frozen=True, repr=False)
+class Region(Printed):
     """K = { q : c_j(q) <= 0 for every j } (thesis (5.4), with its parameters).
 
     `reads` are the states the inequalities use. `scene` holds the shapes to draw. A moving region,
@@ -114,6 +114,17 @@ class Region(Value):
     scene: tuple[Shape, ...] = ()
     description: str = ""
     source: str = ""
+
+    def _lines(self) -> tuple[str, list[str], list[str]]:
+        conditions = [
+            f"{c.name}: {short_text(c.expression)} <= 0 {c.unit}" for c in self.inequalities
+        ]
+        reads = ", ".join(q.name for q in self.reads)
+        last = []
+        if self.parameters:
+            numbers = ", ".join(f"{q.name} = {q.value:g} {q.unit}" for q in self.parameters)
+            last.append(f"parameters: {numbers}")
+        return f"Region '{self.name}' of {reads}", conditions, last
 
     def __post_init__(self) -> None:
         owner = f"region '{self.name}'"

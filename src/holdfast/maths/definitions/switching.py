@@ -22,9 +22,10 @@ from holdfast.maths.definitions.quantity import (
     Quantity,
     check_symbols,
     check_unique,
+    frozen,
     merge_parameters,
 )
-from holdfast.maths.definitions.value import FrozenDict, Value, frozen
+from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
 from holdfast.maths.expressions.traversal import canonical
 
 
@@ -104,8 +105,8 @@ class Transition(Value):
 
 
 @checked
-@dataclass(frozen=True)
-class Switching(Value):
+@dataclass(frozen=True, repr=False)
+class Switching(Printed):
     """Modes (each a `Law` with the same outputs), guarded transitions and the first mode.
 
     At every control sample the transitions out of the current mode are tried in the order
@@ -123,6 +124,15 @@ class Switching(Value):
     memory: Memory | None = None
     description: str = ""
     source: str = ""
+
+    def _lines(self) -> tuple[str, list[str], list[str]]:
+        turns = [f"{t.source} -> {t.target} as soon as {short_text(t.when)} >= 0"
+                 for t in self.transitions]  # fmt: skip
+        modes = ", ".join(self.modes)
+        last = []
+        if self.memory is not None:
+            last = [f"remembers {', '.join(q.name for q in self.memory.quantities)}"]
+        return f"Switching '{self.name}', from '{self.initial}': {modes}", turns, last
 
     def __post_init__(self) -> None:
         owner = f"switching '{self.name}'"

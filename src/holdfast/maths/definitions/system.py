@@ -19,7 +19,7 @@ from sympy.integrals.quadrature import gauss_legendre
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, RenamedWarning
-from holdfast.maths.definitions.bounds import Bounds, section
+from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product, section
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import (
     TIME,
@@ -27,11 +27,12 @@ from holdfast.maths.definitions.quantity import (
     Quantity,
     check_symbols,
     check_unique,
+    frozen,
     merge_parameters,
     symbol,
 )
 from holdfast.maths.definitions.switching import Switching, Transition
-from holdfast.maths.definitions.value import Value, frozen
+from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.traversal import canonical, derivatives
 
 NODES = 16
@@ -172,9 +173,32 @@ class PfaffianRow(Value):
         object.__setattr__(self, "rhs", canonical(self.rhs))
 
 
+def bounds_text(of: Sequence[Quantity], bounds: Bounds | None) -> str:
+    """What quantities may be, as text."""
+    named = ", ".join(f"{q.name} [{q.unit}]" if q.unit else q.name for q in of)
+    match bounds:
+        case None:
+            return f"{named}, without bounds"
+        case Box(lower=lower, upper=upper):
+            ends = zip(of, lower, upper, strict=True)
+            return ", ".join(
+                f"{q.name} in [{short_text(a)}, {short_text(b)}] {q.unit}".rstrip()
+                for q, a, b in ends
+            )
+        case Ball(radius=radius):
+            names = ", ".join(q.name for q in of)
+            return f"|({names})| <= {short_text(radius)} {of[0].unit}"
+        case Product():
+            return ", ".join(bounds_text(some, part) for part, some in bounds.split(of))
+        case LinearImage(of=inner, actuators=actuators):
+            made_by = [Quantity(name, "") for name in actuators]
+            return f"{named}, made by {bounds_text(made_by, inner)}"
+    return f"{named} in a {type(bounds).__name__}"
+
+
 @checked
-@dataclass(frozen=True)
-class System(Value):
+@dataclass(frozen=True, repr=False)
+class System(Printed):
     """States q, inputs u, disturbances d, parameters p, rates f and Pfaffian rows.
 
     `rates` maps every state to its rate. samples: the number of points per coordinate that replace
@@ -201,6 +225,24 @@ class System(Value):
     measurements: tuple[Measurement, ...] = ()
     promoted: tuple[str, ...] = ()
     flat_output: FlatOutput | None = None
+
+    def _lines(self) -> tuple[str, list[str], list[str]]:
+        counts = [
+            f"{len(of)} {what}{'s' * (len(of) != 1)}"
+            for of, what in ((self.states, "state"), (self.inputs, "input"),
+                             (self.disturbances, "disturbance")) if of
+        ]  # fmt: skip
+        rates = [f"{n}' = {short_text(e)}" for n, e in self.rates.items()]
+        last = [
+            f"{what}: {bounds_text(of, bounds)}"
+            for what, of, bounds in (("inputs", self.inputs, self.input_bounds),
+                                     ("disturbances", self.disturbances, self.disturbance_bounds))
+            if of
+        ]  # fmt: skip
+        if self.parameters:
+            numbers = ", ".join(f"{q.name} = {q.value:g} {q.unit}" for q in self.parameters)
+            last.append(f"parameters: {numbers}")
+        return f"System '{self.name}': {', '.join(counts)}", rates, last
 
     def __post_init__(self) -> None:
         owner = f"system '{self.name}'"

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import math
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
 from functools import cached_property
 from typing import Any, Self, TypeVar
 
-import numpy as np
 import sympy as sp
-
-from holdfast.maths.expressions.traversal import canonical
 
 Key = TypeVar("Key")
 Held = TypeVar("Held")
@@ -36,11 +34,6 @@ class FrozenDict(dict[Key, Held]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return FrozenDict, (picklable(dict(self)),)
-
-
-def frozen(expressions: Mapping[str, object]) -> Mapping[str, sp.Expr]:
-    """A mapping of expressions, in canonical form, that cannot be changed."""
-    return FrozenDict({name: canonical(e) for name, e in expressions.items()})
 
 
 class Value:
@@ -69,15 +62,47 @@ class Value:
         }
 
 
+LINES, COLUMNS = 10, 100
+"""Of what is printed of a definition, at most."""
+
+
+class InNotebooks:
+    """What a notebook shows as HTML. The page is made by a later room, which is asked by its name:
+    no room imports a later one."""
+
+    def _repr_html_(self) -> str:
+        page: str = importlib.import_module("holdfast.presentation.notebook").html_of(self)
+        return page
+
+
+class Printed(Value, InNotebooks):
+    """A value of many parts, of which `print` shows the first in a few lines."""
+
+    def _lines(self) -> tuple[str, Sequence[str], Sequence[str]]:
+        """What it is, a line for each of many things, and the lines after them."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        head, many, last = self._lines()
+        room = LINES - 1 - len(last)
+        left = len(many) - room
+        if left > 0:
+            many = [*many[: room - 1], f"... and {left + 1} more"]
+        lines = (f"  {line}" for line in (*many, *last))
+        cut = (line if len(line) <= COLUMNS else f"{line[: COLUMNS - 3]}..." for line in lines)
+        return "\n".join([head, *cut])
+
+
+def short_text(e: sp.Basic) -> str:
+    """An expression for a reader, its numbers with the digits that they need."""
+    return str(sp.sstr(e, full_prec=False))
+
+
 def content(value: Any) -> Any:
     """What can be hashed, and is equal for equal values only; NaN is equal to itself."""
     if is_dataclass(value) and not isinstance(value, type):
         return type(value), *(content(getattr(value, f.name)) for f in fields(value) if f.compare)
     match value:
-        case np.ndarray() if value.dtype != object:
-            return value.shape, value.dtype.str, value.tobytes()
-        case np.ndarray():
-            return value.shape, *map(content, value.flat)
         case sp.MatrixBase():
             return value.shape, *map(content, value.flat())
         case Mapping():
@@ -88,10 +113,13 @@ def content(value: Any) -> Any:
             return frozenset(map(content, value))
         case float() if math.isnan(value):
             return "NaN"
+    if hasattr(value, "tobytes") and hasattr(value, "dtype"):  # an array
+        held = tuple(map(content, value.flat)) if value.dtype.hasobject else value.tobytes()
+        return value.shape, value.dtype.str, held
     if hasattr(value, "data_vars"):  # a dataset of xarray
         return content({**value.variables}), content(value.attrs)
     if hasattr(value, "dims") and hasattr(value, "values"):  # an array with names
-        return value.dims, content(np.asarray(value.values)), content(value.attrs)
+        return value.dims, content(value.values), content(value.attrs)
     return value
 
 

@@ -11,8 +11,8 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
-from holdfast.maths.definitions.quantity import Parameter, symbol
-from holdfast.maths.definitions.value import FrozenDict, Value, frozen
+from holdfast.maths.definitions.quantity import Parameter, frozen, symbol
+from holdfast.maths.definitions.value import FrozenDict, Value
 
 MOST_VERTICES = 1024
 """Vertices of a box of ten draws, all tried from every start."""

@@ -51,11 +51,10 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, check_name
 from holdfast.maths.definitions.bounds import Bounds, section
-from holdfast.maths.definitions.quantity import Quantity
+from holdfast.maths.definitions.quantity import Quantity, frozen
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.sets.base import WITHIN
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.value import frozen
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select, sgn, wrap
 
 MOST = 400

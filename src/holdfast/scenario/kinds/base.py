@@ -5,13 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from holdfast.errors import ScenarioError
 from holdfast.host.files import make_folder, saved, write_summary
-from holdfast.maths.definitions.value import Value
+from holdfast.maths.definitions.value import Printed
 
 if TYPE_CHECKING:
     from holdfast.analysis.online.safety_filter import SafetyFilter
@@ -25,7 +25,7 @@ Bar = Callable[[str], AbstractContextManager[Callable[[str, float], None]]]
 FILTERED = "closed loops with [law] external = true, and a [safeguard] or [safety]"
 
 
-class Composed(Value, ABC):
+class Composed(Printed, ABC):
     """A scenario whose tables are checked and composed; `answer` is what its `run` returns."""
 
     name: str
@@ -35,6 +35,14 @@ class Composed(Value, ABC):
     kind: str
     remark: str | None = None
     """What is known before the run and answers the question; None: nobody asked."""
+
+    def _lines(self) -> tuple[str, list[str], list[str]]:
+        parts = [
+            f"{f.name}: {repr(part).splitlines()[0]}"
+            for f in fields(self)  # type: ignore[arg-type]
+            if isinstance(part := getattr(self, f.name), Printed)
+        ]
+        return f"Scenario '{self.name}' ({self.kind}): {self.title}", parts, []
 
     @abstractmethod
     def run(self, progress: Progress | None = None) -> Any:

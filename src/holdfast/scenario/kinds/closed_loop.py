@@ -92,7 +92,7 @@ class RunSettings(SettingsOptions, total=False):
     stepper: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scenario(Composed):
     """A composed scenario, ready to run; `law` is the one before [safety], which `kept` adds.
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from holdfast.presentation.figures.formation import Ground
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FormationScenario(Scenario):
     """A closed loop of robots on a course, which has one start."""
 

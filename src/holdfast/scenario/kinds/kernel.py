@@ -40,6 +40,9 @@ class KernelResult:
     trouble: str = ""
     untried: str = ""
 
+    def _repr_html_(self) -> str:
+        return self.value._repr_html_()
+
     def save(self, path: Path) -> Path:
         return self.value.save(path)
 
@@ -58,7 +61,7 @@ class KernelResult:
         return {**self.value.summary(), **tried}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class KernelScenario(SetScenario):
     """A composed scenario whose answer is a value function."""
 

@@ -34,7 +34,7 @@ from holdfast.scenario.schema.kernel import SetFiguresSpec
 from holdfast.scenario.schema.values import at
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SetScenario(Composed):
     """A composed scenario whose answer is a set of states.
 
@@ -148,7 +148,7 @@ def _texts(table: Mapping[str, Any]) -> dict[str, str]:
     return {n: str(e) for n, e in table.items()}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PartsScenario(SetScenario):
     """A composed scenario whose answer is a value put together from those of parts."""
 
