@@ -304,6 +304,8 @@ def _whole(value: Any) -> Fault:
 def _expression(value: Any) -> Fault:
     if isinstance(value, sp.Basic) or type(value).__name__.endswith("Matrix"):
         return "an expression, not NaN" if value is sp.nan else None
+    if isinstance(value, str):
+        return f"an expression, such as hf.parse_expression({value[:40]!r}, names)"
     return "an expression, or a number" if math.isnan(_as_float(value)) else None
 
 

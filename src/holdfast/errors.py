@@ -6,6 +6,7 @@ An error names the cause (with the value that was given), the expectation, and t
 from __future__ import annotations
 
 import difflib
+import itertools
 from collections.abc import Collection, Iterable
 
 
@@ -81,10 +82,18 @@ class CacheWarning(UserWarning):
 def suggestion(name: str, allowed: Iterable[str]) -> str:
     """'did you mean ...?' for a misspelt name, or the list of the allowed ones."""
     choices = sorted(allowed)
-    close = difflib.get_close_matches(name, choices, n=1, cutoff=0.6)
+    close = difflib.get_close_matches(name, choices, n=5, cutoff=0.6)
     if close:
-        return f"did you mean '{close[0]}'?"
+        return f"did you mean '{max(close, key=lambda other: _alike(name, other))}'?"
     return "allowed: " + ", ".join(choices) if choices else "none is allowed here"
+
+
+def _alike(name: str, other: str) -> float:
+    """How alike two names are; a common beginning counts, as in cosine and cos."""
+    pairs = zip(name, other, strict=False)
+    begins = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], pairs))
+    longest = max(len(name), len(other), 1)
+    return difflib.SequenceMatcher(None, name, other).ratio() + begins / longest
 
 
 def check_name(

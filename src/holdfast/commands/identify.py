@@ -113,9 +113,10 @@ def command(
     folder = out if out is not None else Path("runs") / log.name.split(".")[0]
     check_writable(folder)
     subject = subject_of(name, overrides)
-    if not subject.scenario and (no_margins or runs is not None or seed is not None):
+    if not subject.asks and (no_margins or runs is not None or seed is not None):
         raise ScenarioError(
-            f"{name} is no scenario: --runs, --seed and --no-margins are for one",
+            f"{name} is no scenario with a law or a kernel: --runs, --seed and --no-margins are "
+            "for one",
             remedy="leave them out",
         )
     named = dict(_pair("--column", text) for text in columns)
@@ -140,7 +141,7 @@ def command(
         )
     files = write_identified(identified, subject, folder, figures=not no_figures)
     answers = None
-    if subject.scenario:
+    if subject.asks:
         with bar("scenario") as tell:
             answers, more = redrawn(
                 identified,

@@ -43,11 +43,18 @@ def scenario_names() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
 
 
+def is_scenario(name: str) -> bool:
+    """Whether a name stands for a shipped scenario, or for a file: NAME.toml, or NAME for it."""
+    return name in scenario_names() or name.endswith(".toml") or Path(f"{name}.toml").is_file()
+
+
 def read_text(name: str) -> tuple[str, str]:
     """(name or path to show, text) of a shipped scenario or of a TOML file."""
     if name in scenario_names():
         file = resources.files("holdfast.scenarios") / f"{name}.toml"
         return f"{name}.toml", file.read_text("utf-8")
+    if not name.endswith(".toml") and Path(f"{name}.toml").is_file():
+        name = f"{name}.toml"
     if not name.endswith(".toml"):
         raise ScenarioError(
             f"unknown scenario '{name}'",

@@ -16,11 +16,18 @@ from holdfast.maths.definitions.quantity import Parameter, Quantity
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.vehicle_file import read_vehicle, vehicle_names
+from holdfast.maths.definitions.vehicle_file import is_vehicle, read_vehicle, vehicle_names
 from holdfast.maths.reference_fields.facts import field_facts
 from holdfast.maths.reference_fields.field import Field
 from holdfast.presentation.text.derivation import equations
-from holdfast.scenario.files import load_field, load_system, read_tables, read_text, scenario_names
+from holdfast.scenario.files import (
+    is_scenario,
+    load_field,
+    load_system,
+    read_tables,
+    read_text,
+    scenario_names,
+)
 from holdfast.scenario.kinds.parts import PartsScenario
 from holdfast.scenario.load import load_scenario
 
@@ -55,9 +62,9 @@ def describe(name: str, overrides: Sequence[str] = ()) -> str:
                 return "\n".join(_entry(kind, function, load[kind](name, overrides)))
     if overrides:
         raise ScenarioError(f"'{name}' takes no --set here", expected="a system or a field")
-    if name in vehicle_names():
+    if is_vehicle(name):
         return "\n".join(_vehicle(name))
-    if name in scenario_names() or name.endswith(".toml"):
+    if is_scenario(name):
         loaded, text = load_scenario(name), read_text(name)[1].rstrip()
         if isinstance(loaded, PartsScenario):
             text = "\n".join([text, "", *(f"# {line}" for line in loaded.decomposition.lines())])

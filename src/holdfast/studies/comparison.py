@@ -21,7 +21,7 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.numeric import Expression, Values, constant
 from holdfast.scenario.build.kernel import depth_inside
-from holdfast.scenario.files import merged, read_tables, scenario_names, scenario_title
+from holdfast.scenario.files import is_scenario, merged, read_tables, scenario_names, scenario_title
 from holdfast.scenario.kernel_reference import NamedKernel, named_kernel
 from holdfast.scenario.kinds import STANDARD, kind_of
 from holdfast.scenario.kinds.closed_loop import Scenario, check_kernels, composed
@@ -282,7 +282,7 @@ def _known_laws(name: str, spec: CompareSpec) -> dict[str, AlterationSpec]:
 
 def _of_scenario(file: str, name: str, by_law: Mapping[str, Any]) -> AlterationSpec:
     """The law of another scenario as an alteration of this one."""
-    if name not in scenario_names() and not name.endswith(".toml"):
+    if not is_scenario(name):
         raise ScenarioError(
             f"{file}: no law '{name}' to compare",
             expected="a name in [compare.laws], or a scenario whose law is taken",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import itertools
 import math
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,16 +14,17 @@ import tomlkit
 
 from holdfast.analysis.identification.fit import Identified
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
-from holdfast.host.files import make_folder, read_small_text, write_summary, write_text
+from holdfast.host.files import make_folder, write_summary, write_text
 from holdfast.maths.catalogue import systems
 from holdfast.maths.control.unmodelled import PREFIX
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.vehicle_file import read_vehicle, vehicle_names
+from holdfast.maths.definitions.vehicle_file import is_vehicle, read_vehicle, vehicle_names
 from holdfast.maths.expressions.parser import parse_formula
 from holdfast.scenario.build.composer import REDUCTIONS
 from holdfast.scenario.files import (
     Number,
     edited_text,
+    is_scenario,
     load_system,
     numbered_vehicle,
     read_tables,
@@ -51,13 +51,15 @@ class Subject:
     """What is identified: a vehicle, a system of the catalogue, or the system of a scenario.
 
     system: whole, without the reductions of a scenario. vehicle: its file or its name, "" without
-    one. scenario: "" if there is none. overrides: of the scenario.
+    one. scenario: "" if there is none. overrides: of the scenario. asks: whether the scenario asks
+    anything; a file with a system alone does not.
     """
 
     system: System
     vehicle: str
     scenario: str
     overrides: tuple[str, ...]
+    asks: bool = False
 
 
 def subject_of(name: str, overrides: Iterable[str] = ()) -> Subject:
@@ -67,26 +69,28 @@ def subject_of(name: str, overrides: Iterable[str] = ()) -> Subject:
     """
     changes = tuple(overrides)
     catalogue = [f.__name__ for f in systems.ALL]
-    if name in vehicle_names() or _is_vehicle(name):
+    if is_vehicle(name):
         kind = str(read_vehicle(name)[1]["system"])
         if kind not in catalogue:
             raise ScenarioError(f"vehicle '{name}' is for system '{kind}', which is unknown")
         return Subject(load_system(kind, (f'vehicle="{name}"', *changes)), name, "", ())
     if name in catalogue:
         return Subject(load_system(name, changes), _vehicle_of(name, changes), "", ())
-    if name not in scenario_names() and not name.endswith(".toml"):
+    if not is_scenario(name):
         names = [*vehicle_names(), *catalogue, *scenario_names()]
         raise ScenarioError(
             f"no vehicle, system, scenario or file is called '{name}'",
             remedy=suggestion(name, names),
         )
-    table = read_tables(name, changes)[2].get("system")
+    tables = read_tables(name, changes)[2]
+    table, header = tables.get("system"), tables.get("scenario", {})
     if not isinstance(table, Mapping):
         raise ScenarioError(f"{name}: no table [system]")
     dropped = [f"system.{key}=" for key in REDUCTIONS if key in table]
     whole = load_system(name, (*changes, *dropped))
     vehicle = str(table.get("vehicle", "")) or _vehicle_of(str(table.get("name", "")), ())
-    return Subject(whole, vehicle, name, changes)
+    asks = "law" in tables or (isinstance(header, Mapping) and "kind" in header)
+    return Subject(whole, vehicle, name, changes, asks)
 
 
 def _vehicle_of(name: str, changes: Iterable[str]) -> str:
@@ -97,16 +101,6 @@ def _vehicle_of(name: str, changes: Iterable[str]) -> str:
     if "vehicle" not in taken:
         return ""
     return vehicles[-1] if vehicles else str(taken["vehicle"].default)
-
-
-def _is_vehicle(name: str) -> bool:
-    """Whether a file is that of a vehicle: it names its system."""
-    if not name.endswith(".toml"):
-        return False
-    try:
-        return isinstance(tomllib.loads(read_small_text(name)).get("system"), str)
-    except (ValueError, RecursionError):
-        return False
 
 
 def vehicle_with(identified: Identified, subject: Subject) -> str:

@@ -210,15 +210,16 @@ def _largest_current(scenario: Scenario | KernelScenario, data: Mapping[str, Any
     bound = None if fastest is None else multiple_of_name(fastest)
     if bound is None or not isinstance(scenario, KernelScenario):
         raise ScenarioError(
-            f"{scenario.file}: system '{scenario.system.name}' has no current"
-            + (" whose speed is a number" if names else ""),
+            f"{scenario.file}: system '{scenario.system.name}' has no "
+            + ("current whose speed is a number" if names else "current")
+            + ("" if scenario.system.disturbances else ", and no other disturbance"),
             expected=f"{' and '.join(names)} in [disturbance], or a kernel's current whose bounds "
             "are a multiple of one parameter"
             if names
             else 'disturbances of the role "current"',
             remedy=f"prescribe one: --set disturbance.{names[-1]}=0.1"
             if names
-            else "name the key of a number",
+            else "give it a disturbance, or name the key of the number to vary with --of",
         )
     factor, name = bound
     return _made_of(find_knob(scenario, data, _key_of_parameter(data, name)), factor)

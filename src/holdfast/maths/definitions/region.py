@@ -85,6 +85,15 @@ class Inequality(Value):
     scale: InItsUnit | None = None
 
     def __post_init__(self) -> None:
+        relation = self.expression
+        if isinstance(relation, sp.core.relational.Relational):
+            less = isinstance(relation, sp.LessThan | sp.StrictLessThan)
+            below = relation.lhs - relation.rhs if less else relation.rhs - relation.lhs
+            raise DefinitionError(
+                f"inequality '{self.name}' is the relation {short_text(relation)}",
+                expected="an expression that is at most 0 where it holds",
+                remedy=f"write {short_text(below)}",
+            )
         object.__setattr__(self, "expression", canonical(self.expression))
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise DefinitionError(

@@ -81,6 +81,16 @@ def vehicle_names() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
 
 
+def is_vehicle(name: str) -> bool:
+    """Whether it is a shipped vehicle, or the file of one: that names its system."""
+    if not name.endswith(".toml"):
+        return name in vehicle_names()
+    try:
+        return isinstance(tomllib.loads(read_small_text(name)).get("system"), str)
+    except (ValueError, RecursionError):
+        return False
+
+
 def vehicle_for(
     name: str,
     units: Mapping[str, tuple[str, str, float]],

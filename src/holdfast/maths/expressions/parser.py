@@ -85,6 +85,14 @@ def parse_formula(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
     return _parsed(text, names, processes=False)
 
 
+def parse_names(text: str) -> sp.Expr:
+    """The expression written in `text`, of whatever names it has."""
+    translator = _Translator(text, {}, processes=True)
+    names = {node.id for node in ast.walk(translator.tree) if isinstance(node, ast.Name)}
+    translator.names = {name: sp.Symbol(name, real=True) for name in names - {"pi"}}
+    return translator.expression()
+
+
 def _parsed(text: object, names: Mapping[str, sp.Expr], *, processes: bool) -> sp.Expr:
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise ExpressionError(f"got {text!r}", expected="an expression in quotes or a number")
@@ -210,7 +218,7 @@ class _Translator:
                 return self._checked(select(level, *branches))
             case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
                 raise self._refuse(
-                    "a condition where a value is wanted", remedy="write 'a if condition else b'"
+                    "a condition where a value is wanted", remedy=_value_in_place_of(node)
                 )
         what = FORBIDDEN.get(type(node), f"the construct {type(node).__name__}")
         raise self._refuse(
@@ -341,3 +349,19 @@ def parse_number(
     if not (number.is_number and number.is_real and number.is_finite):
         raise ExpressionError(f"{number} is not a number", expected="a value from parameters")
     return float(number)
+
+
+def _value_in_place_of(condition: ast.expr) -> str:
+    """What to write: of `a <= b` that keeps a vehicle, what is at most 0 where it holds."""
+    match condition:
+        case ast.Compare(left=a, ops=[ast.Lt() | ast.LtE()], comparators=[b]):
+            low, high = a, b
+        case ast.Compare(left=a, ops=[ast.Gt() | ast.GtE()], comparators=[b]):
+            low, high = b, a
+        case _:
+            return "write 'a if condition else b'"
+    below = ast.unparse(ast.BinOp(low, ast.Sub(), high))
+    return (
+        f"for an inequality write what is at most 0 where it holds, '{below}', "
+        "for a choice 'a if condition else b'"
+    )

@@ -267,14 +267,28 @@ OWN: Mapping[type, Callable[..., sp.Expr]] = {
 """Function of SymPy -> the same of the project's own, from its arguments."""
 
 
+def by_names(e: sp.Basic) -> sp.Basic:
+    """With the real symbol of its name in place of every other: a name is enough."""
+    others = {
+        s: real
+        for s in e.free_symbols
+        if type(s) is sp.Symbol and s != (real := sp.Symbol(s.name, real=True))
+    }
+    return e.xreplace(others) if others else e
+
+
 def canonical(expression: Any) -> sp.Expr:
-    """The expression with the project's own functions in place of those of SymPy in `OWN`.
+    """The expression with the project's own functions in place of those of SymPy in `OWN`, and with
+    symbols that are known by their names.
 
     Raises `DefinitionError` for a Piecewise that has no value somewhere, or whose conditions are
     no comparisons.
     """
     e = sp.sympify(expression)
-    if not isinstance(e, sp.Basic) or not any(type(p) in OWN for p in parts([e])):
+    if not isinstance(e, sp.Basic):
+        return e
+    e = by_names(e)
+    if not any(type(p) in OWN for p in parts([e])):
         return e
     memo: dict[sp.Basic, sp.Basic] = {}
 

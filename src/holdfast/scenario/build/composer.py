@@ -356,8 +356,10 @@ class Composer:
                 high.append(sp.oo)
                 continue
             with at(self.file, f"{key}.{name}.bounds"):
-                low.append(parse_formula(spec.bounds[0], names))
-                high.append(parse_formula(spec.bounds[1], names))
+                lower, upper = (parse_formula(end, names) for end in spec.bounds)
+                Box((lower,), (upper,))  # refuses an interval that is empty
+                low.append(lower)
+                high.append(upper)
         return Box(tuple(low), tuple(high))
 
     def scope(self) -> Names:

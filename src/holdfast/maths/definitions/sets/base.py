@@ -243,12 +243,14 @@ class Box(Bounds):
                 f"box has {len(self.lower)} lower and {len(self.upper)} upper bounds",
                 expected="as many of each",
             )
-        for low, high in self._sides:
+        for place, (low, high) in enumerate(self.sides):
             if (high - low).is_negative:
-                raise DefinitionError(f"box has the empty interval [{low}, {high}]")
+                which = f" at place {place} of 0 to {len(self.lower) - 1}" * (len(self.lower) > 1)
+                raise DefinitionError(f"box has the empty interval [{low}, {high}]{which}")
 
     @property
-    def _sides(self) -> list[tuple[sp.Expr, sp.Expr]]:
+    def sides(self) -> list[tuple[sp.Expr, sp.Expr]]:
+        """The lower and the upper end of each member."""
         return list(zip(self.lower, self.upper, strict=True))
 
     @property
@@ -264,7 +266,7 @@ class Box(Bounds):
         """Each component clipped: unbounded sides (oo) leave it alone."""
         check_count(values, self)
         result = []
-        for value, (low, high) in zip(values, self._sides, strict=True):
+        for value, (low, high) in zip(values, self.sides, strict=True):
             unbounded = low == -sp.oo and high == sp.oo
             result.append(value if unbounded else clip(value, low, high))
         return tuple(result)
@@ -276,7 +278,7 @@ class Box(Bounds):
     @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
         check_count(values, self)
-        for value, ends in zip(values, self._sides, strict=True):
+        for value, ends in zip(values, self.sides, strict=True):
             low, high = map(float, ends)
             more = slack * max((abs(e) for e in (low, high) if math.isfinite(e)), default=0.0)
             if not low - more <= value <= high + more:
@@ -297,28 +299,28 @@ class Box(Bounds):
 
     @property
     def _middle(self) -> list[sp.Expr]:
-        return [(a + b) / 2 for a, b in self._sides]
+        return [(a + b) / 2 for a, b in self.sides]
 
     def half_widths(self) -> list[sp.Expr]:
-        return [(b - a) / 2 for a, b in self._sides]
+        return [(b - a) / 2 for a, b in self.sides]
 
     def range_along(self, weights: Sequence[sp.Expr]) -> tuple[sp.Expr, sp.Expr]:
         ends = [
             (e * low, e * high)
-            for e, (low, high) in zip(weights, self._sides, strict=True)
+            for e, (low, high) in zip(weights, self.sides, strict=True)
             if e != 0
         ]
         return sp.Add(*(sp.Min(*p) for p in ends)), sp.Add(*(sp.Max(*p) for p in ends))
 
     def ranges(self) -> list[tuple[sp.Expr, sp.Expr]]:
-        return self._sides
+        return self.sides
 
     def ends(self) -> tuple[sp.Expr, ...]:
         return (*self.lower, *self.upper)
 
     def half_spaces(self) -> list[Row]:
         rows: list[Row] = []
-        for i, (low, high) in enumerate(self._sides):
+        for i, (low, high) in enumerate(self.sides):
             for side, limit in ((1, high), (-1, -low)):
                 if limit != sp.oo:
                     rows.append(
@@ -327,7 +329,7 @@ class Box(Bounds):
         return rows
 
     def corners(self) -> list[tuple[sp.Expr, ...]]:
-        return list(itertools.product(*self._sides))
+        return list(itertools.product(*self.sides))
 
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int) -> Reach:
         """A member whose weight changes its sign for no p within the spread does not switch."""
@@ -351,7 +353,7 @@ class Box(Bounds):
     def points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
         """`samples` along every side, with its ends."""
         shares = [sp.Rational(k, samples - 1) for k in range(samples)]
-        return list(itertools.product(*([a + (b - a) * s for s in shares] for a, b in self._sides)))
+        return list(itertools.product(*([a + (b - a) * s for s in shares] for a, b in self.sides)))
 
     def groups(self, members: Sequence[V]) -> list[Sequence[V]]:
         return [[m] for m in members]
@@ -361,7 +363,7 @@ class Box(Bounds):
         return Box(*sides)
 
     def moving(self, wave: Callable[[str], sp.Expr]) -> list[sp.Expr]:
-        return [(a + b) / 2 + (b - a) / 2 * wave("box") for a, b in self._sides]
+        return [(a + b) / 2 + (b - a) / 2 * wave("box") for a, b in self.sides]
 
     def within(self, other: Bounds) -> bool:
         if not isinstance(other, Box):
@@ -373,7 +375,7 @@ class Box(Bounds):
         return all((b - a).is_nonnegative for a, b in pairs)
 
     def text(self) -> str:
-        return " x ".join(f"[{float(a):g}, {float(b):g}]" for a, b in self._sides)
+        return " x ".join(f"[{float(a):g}, {float(b):g}]" for a, b in self.sides)
 
     def lines(self) -> Iterator[str]:
-        yield "box " + ", ".join(f"[{a}, {b}]" for a, b in self._sides)
+        yield "box " + ", ".join(f"[{a}, {b}]" for a, b in self.sides)

@@ -1,0 +1,208 @@
+"""What a first hour gets wrong: every refusal names the place, and its remedy is right."""
+
+import re
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.errors import HoldfastError
+from tests.command_line import holdfast
+
+X, U = sp.Symbol("x"), sp.Symbol("u")  # as a user of SymPy writes them
+STATES, INPUTS = (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),)
+
+MOWER = """
+[scenario]
+title = "Mower"
+kind = "viability-kernel"
+[system]
+name = "mower"
+states = { x = { unit = "m" }, y = { unit = "m" }, th = { unit = "rad", angle = true } }
+inputs = { v = { unit = "m/s", bounds = [0, 1] }, w = { unit = "rad/s", bounds = [-1, 1] } }
+rates = { x = "v*cos(th)", y = "v*sin(th)", th = "w" }
+[region]
+constraints = { lawn = { expression = "abs(y) - 3", unit = "m" } }
+[grid]
+nodes = 11
+box = { x = [-4, 4], y = [-4, 4], th = ["-180 deg", "180 deg"] }
+[march]
+horizon = 1
+"""
+
+FILES = {
+    # what is changed in the file: what is said
+    ("abs(y) - 3", "abs(y) <= 3"): "region.constraints.lawn.expression: a condition where a value is "
+        "wanted in 'abs(y) <= 3'; for an inequality write what is at most 0 where it holds, "
+        "'abs(y) - 3', for a choice 'a if condition else b'",
+    ("abs(y) - 3", "3 > abs(y) + 1"): "'abs(y) + 1 - 3'",
+    ("abs(y) - 3", "not abs(y) <= 3"): "write 'a if condition else b'",
+    ("v*cos(th)", "v*cosine(th)"): "'cosine' is not allowed in 'v*cosine(th)'; did you mean 'cos'?",
+    ("v*sin(th)", "v*sine(th)"): "did you mean 'sin'?",
+    ("v*sin(th)", "v*sin(theta)"): "unknown name 'theta'",
+    ("[0, 1]", "[1, 0]"): "system.inputs.v.bounds: box has the empty interval [1, 0]",
+    ("[-1, 1]", "[1, -1]"): "system.inputs.w.bounds: box has the empty interval [1, -1]",
+    ("[0, 1]", "[0]"): "system.inputs.v.bounds",
+    ('th = ["-180 deg", "180 deg"]', 'psi = ["-180 deg", "180 deg"]'): "grid.box.psi: unknown name; allowed: th, x, y",
+    (', th = ["-180 deg", "180 deg"]', ""): "the grid has no interval for 'th'",
+    ('th = "w"', 'phi = "w"'): "'phi'",
+    ('"viability-kernel"', '"viabilty-kernel"'): "did you mean 'viability-kernel'?",
+    ("horizon = 1", "horizont = 1"): "did you mean 'horizon'?",
+    ("horizon = 1", 'horizon = "1 m"'): "'m' does not fit",
+    ("nodes = 11", "nodes = 1"): "nodes along 'x': 1; expected a whole number of at least 2",
+    ("nodes = 11", 'nodes = "eleven"'): "grid.nodes",
+    ('unit = "m/s"', 'unit = "knotz"'): "'knotz'",
+    ("[grid]", "[gird]"): "did you mean 'grid'?",
+    ('title = "Mower"', "title = Mower"): "not a TOML file",
+}  # fmt: skip
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mower.toml").write_text(MOWER)
+    return tmp_path
+
+
+def said(*words, status):
+    """What the command writes, to its output or as an error."""
+    ended = holdfast(*map(str, words), cwd=Path.cwd())
+    assert ended.returncode == status, (ended.stdout, ended.stderr)
+    assert "Traceback" not in ended.stderr
+    return ended.stdout or ended.stderr
+
+
+@pytest.mark.parametrize("change", FILES)
+def test_what_is_wrong_in_a_file_is_said_with_its_place_and_a_remedy(here, change):
+    assert change[0] in MOWER
+    Path("mower.toml").write_text(MOWER.replace(*change, 1))
+    output = said("run", "mower.toml", status=2)
+    assert FILES[change] in output
+    assert output.startswith("holdfast: mower.toml: ")
+    assert len(output.splitlines()) == 1
+
+
+def line(**more):
+    return hf.System("line", STATES, INPUTS, {"x": U}, **more)
+
+
+CALLS = {
+    "input_bounds=hf.Box((1,), (0,))": (
+        lambda: line(input_bounds=hf.Box((1,), (0,))), "empty interval [1, 0]",
+    ),
+    "the second side of a box": (
+        lambda: hf.Box((-1, 0), (1, -2)), "empty interval [0, -2] at place 1 of 0 to 1",
+    ),
+    "a relation as an inequality": (
+        lambda: hf.Inequality("wall", X <= 3, "m"),
+        "is the relation x <= 3; expected an expression that is at most 0 where it holds; write x - 3",
+    ),
+    "the other relation": (lambda: hf.Inequality("wall", X > 1, "m"), "write 1 - x"),
+    "a text as an inequality": (
+        lambda: hf.Inequality("wall", "x - 3", "m"), "hf.parse_expression('x - 3', names)",
+    ),
+    "a rate of a name that nobody declared": (
+        lambda: hf.System("line", STATES, INPUTS, {"x": "u + w"}), "undeclared name 'w'",
+    ),
+    "a rate that is no expression": (
+        lambda: hf.System("line", STATES, INPUTS, {"x": "u +"}), "'u +' is not an expression",
+    ),
+    "a rate that calls a program": (
+        lambda: hf.System("line", STATES, INPUTS, {"x": "__import__('os').getcwd()"}),
+        "a call of anything but a function name is not allowed",
+    ),
+    "an unknown scenario": (lambda: hf.load_scenario("inspektion"), "did you mean 'inspection'?"),
+    "an unknown vehicle": (lambda: hf.load_vehicle("bluerov"), "bluerov2"),
+    "a start of another state": (
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -X}), starts=[{"y": 1}], horizon=1),
+        "'y'",
+    ),
+    "a start of another length": (
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -X}), starts=[[1, 2]], horizon=1),
+        "expected (runs, 1) for the states x",
+    ),
+    "a horizon below 0": (
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -X}), starts=[[1]], horizon=-1),
+        "horizon",
+    ),
+    "a law without its output": (
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"v": -X}), starts=[[1]], horizon=1),
+        "law 'home' gives v; expected the inputs of system 'line': u",
+    ),
+    "a scheme that is misspelt": (
+        lambda: hf.viability_kernel(
+            line(input_bounds=hf.Box((-1,), (1,))),
+            hf.Region("r", STATES, (hf.Inequality("c", X, "m"),)),
+            hf.grid(line(), {"x": (-1, 1)}, 11), 1.0, scheme="weno"),
+        "weno5",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_what_is_wrong_in_a_call_is_said(call):
+    wrong, message = CALLS[call]
+    with pytest.raises(HoldfastError, match=re.escape(message)):
+        wrong()
+
+
+def test_names_are_enough():
+    """Plain symbols of SymPy, and texts, stand for the states and inputs of their names."""
+    declared = hf.System("line", STATES, INPUTS, {"x": hf.symbol("u") * sp.cos(hf.symbol("x"))})
+    assert hf.System("line", STATES, INPUTS, {"x": U * sp.cos(X)}) == declared
+    assert hf.System("line", STATES, INPUTS, {"x": "u*cos(x)"}) == declared
+    assert hf.System("line", STATES, INPUTS, {"x": sp.Symbol("u", positive=True) * sp.cos(X)}) == (
+        declared
+    )
+    law = hf.Law("home", STATES, {"u": -X})
+    assert (
+        law == hf.Law("home", STATES, {"u": "-x"}) == hf.Law("home", STATES, {"u": -hf.symbol("x")})
+    )
+    assert hf.Inequality("wall", X - 3).expression == hf.symbol("x") - 3
+    assert hf.System("line", STATES, INPUTS, {"x": "u + pi"}).rates["x"] == hf.symbol("u") + sp.pi
+
+
+def test_a_file_is_found_by_its_name_without_its_ending(here):
+    assert "Mower" in holdfast("run", "mower", "--no-figures", "--out", "out", cwd=here).stdout
+    assert tomllib.loads(said("show", "mower", status=0))["system"]["name"] == "mower"
+    assert "did you mean" in said("run", "mover", status=2) or "allowed" in said(
+        "run", "mover", status=2
+    )
+
+
+def test_a_margin_without_a_disturbance_says_so(here):
+    output = said("margin", "mower.toml", status=2)
+    assert "system 'mower' has no current, and no other disturbance" in output
+    assert "name the key of the number to vary with --of" in output
+
+
+def test_a_vehicle_of_ones_own_is_shown(here):
+    shipped = Path(hf.__file__).parent / "vehicles" / "bluerov2.toml"
+    shutil.copy(shipped, "mine.toml")
+    assert said("show", "mine.toml", status=0).startswith("vehicle mine.toml: BlueROV2")
+
+
+SYSTEM = MOWER[: MOWER.index("[region]")].replace('kind = "viability-kernel"\n', "").replace(
+    "rates = {", "parameters = { slip = { value = 0.8 } }\nrates = {"
+).replace('"v*cos(th)"', '"slip*v*cos(th)"').replace('"v*sin(th)"', '"slip*v*sin(th)"')  # fmt: skip
+
+
+def test_a_system_without_a_law_is_identified_and_explained(here):
+    Path("own.toml").write_text(SYSTEM)
+    t = np.arange(0, 20, 0.05)
+    v, w = 0.5 + 0.3 * np.sin(t), 0.4 * np.cos(0.7 * t)
+    turned = np.concatenate([[0], np.cumsum(0.05 * w)[:-1]])
+    x, y = (np.concatenate([[0], np.cumsum(0.05 * 0.9 * v * f(turned))[:-1]])
+            for f in (np.cos, np.sin))  # fmt: skip
+    table = np.column_stack([t, x, y, turned, v, w])
+    np.savetxt("log.csv", table, delimiter=",", header="t,x,y,th,v,w", comments="")
+    output = said("identify", "log.csv", "--system", "own.toml", "--no-figures", status=0)
+    assert "slip" in output
+    numbers = tomllib.loads(Path("runs/log/identified.toml").read_text())
+    assert numbers["system"]["parameters"]["slip"]["value"] == pytest.approx(0.9, abs=0.01)
+    assert "Is it nonholonomic" in said("explain", "own.toml", status=0)
+    assert "--runs" in said("identify", "log.csv", "--system", "own.toml", "--runs", 3, status=2)
