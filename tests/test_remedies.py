@@ -2,6 +2,10 @@
 
 import re
 import shutil
+import signal
+import subprocess
+import sys
+import time
 import tomllib
 from pathlib import Path
 
@@ -206,3 +210,31 @@ def test_a_system_without_a_law_is_identified_and_explained(here):
     assert numbers["system"]["parameters"]["slip"]["value"] == pytest.approx(0.9, abs=0.01)
     assert "Is it nonholonomic" in said("explain", "own.toml", status=0)
     assert "--runs" in said("identify", "log.csv", "--system", "own.toml", "--runs", 3, status=2)
+
+
+def test_a_folder_that_was_deleted_is_one_line(here):
+    script = "mkdir gone && cd gone && rmdir ../gone && exec {} -m holdfast run ch2-unicycle"
+    ended = subprocess.run(
+        ["sh", "-c", script.format(sys.executable)], capture_output=True, text=True
+    )
+    assert ended.returncode == 2
+    assert ended.stderr == "holdfast: the current folder was deleted; change to another\n"
+
+
+SWEEP = ("sweep", "ch2-unicycle", "--over", "law.k=1:2:500", "--workers", "1", "--runs", "200")
+
+
+def test_an_interrupted_sweep_says_what_is_kept_and_how_to_go_on(here):
+    command = [sys.executable, "-m", "holdfast", *SWEEP]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    finished = here / "runs" / "ch2-unicycle"
+    while not any(p.stat().st_size > 20_000 for p in finished.glob("*.db")):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.rstrip().endswith(
+        "holdfast: interrupted; the cells that are finished are kept in runs/ch2-unicycle, and the "
+        "same command goes on from there"
+    )

@@ -17,7 +17,7 @@ from holdfast._version import __version__
 from holdfast.commands.options import ANSWERED, BAD_INPUT, NOT_ANSWERED
 from holdfast.errors import GainWarning, HoldfastError, suggestion
 from holdfast.host.files import FETCH_VARIABLE
-from holdfast.host.interruption import INTERRUPTED, SAID, end, listening
+from holdfast.host.interruption import INTERRUPTED, end, listening, said
 from holdfast.host.streams import forgiving
 
 
@@ -91,11 +91,24 @@ def _main() -> NoReturn:
             "starts or a coarser grid",
             BAD_INPUT,
         )
+    except FileNotFoundError:
+        if debug or _is_somewhere():
+            raise
+        _fail("the current folder was deleted; change to another", BAD_INPUT)
     except (click.exceptions.Abort, KeyboardInterrupt):
-        end(INTERRUPTED, SAID)
+        end(INTERRUPTED, said())
     except click.ClickException as error:
         error.show()
         sys.exit(BAD_INPUT)
+
+
+def _is_somewhere() -> bool:
+    """Whether the current folder is there."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def _fail(message: str, status: int) -> NoReturn:

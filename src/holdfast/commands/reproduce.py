@@ -9,6 +9,7 @@ import click
 
 from holdfast.commands.options import NOT_ANSWERED, WHOLE
 from holdfast.host.files import check_writable
+from holdfast.host.interruption import going_on
 from holdfast.studies.progress import bar
 
 
@@ -46,7 +47,7 @@ def command(
     from holdfast.studies.thesis.reproduce import CHAPTERS, reproduce
 
     check_writable(out)
-    with bar("reproducing") as tell:
+    with going_on("the claims that are judged", out), bar("reproducing") as tell:
         judged = reproduce(out, chapters or CHAPTERS, quick=quick, workers=workers, progress=tell)
     from holdfast.studies.thesis.report import report_text, write_report
 

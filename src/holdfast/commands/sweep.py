@@ -10,6 +10,7 @@ import click
 
 from holdfast.commands.options import NOT_ANSWERED, WHOLE, simulation_options
 from holdfast.host.files import check_writable
+from holdfast.host.interruption import going_on
 from holdfast.studies.progress import bar
 
 
@@ -72,6 +73,7 @@ def command(
 
             executor, cores = stack.enter_context(cluster_executor(cluster))
             workers = workers or cores
+        stack.enter_context(going_on("the cells that are finished", folder))
         tell = stack.enter_context(bar("preparing"))
         campaign = sweep(
             scenario,

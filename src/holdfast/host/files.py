@@ -356,8 +356,9 @@ PRIVATE = 0o600
 def cache_directory() -> Path:
     """The folder of compiled code and of games, created if missing, for this user only.
 
-    A default cache that cannot be written, or that others may write to, is replaced by a temporary
-    folder for this process; a cache set by the user is then an `OutputError`.
+    A cache that cannot be written, and a default one that others may write to, is replaced by a
+    temporary folder for this process; what the user chose, and others may write to, is an
+    `OutputError`.
     """
     chosen = os.environ.get(CACHE_VARIABLE)
     path = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("holdfast"))
@@ -371,11 +372,11 @@ def cache_directory() -> Path:
         reason = distrust(path)
     except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
         if chosen:
-            raise OutputError(
+            _warn_once(
                 f"the cache folder {path} cannot be written "
-                f"({getattr(error, 'strerror', None) or error})",
-                remedy=f"set {CACHE_VARIABLE} to a folder that can",
-            ) from None
+                f"({getattr(error, 'strerror', None) or error}); every run compiles anew; set "
+                f"{CACHE_VARIABLE} to a folder that can"
+            )
         return _temporary()
     if not reason:
         return path

@@ -24,7 +24,7 @@ INTERRUPTED = 128 + signal.SIGINT
 GRACE = 1.0
 """Seconds."""
 
-SAID = "holdfast: interrupted; no unfinished result is left\n"
+_goes_on: list[str] = []
 _TERMINATIONS = tuple(
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
@@ -34,6 +34,20 @@ _asked: list[int] = []
 _ends = threading.Lock()
 _ears: list[socket.socket] = []
 """The handlers, referenced here because the operating system keeps only numbers of them."""
+
+
+def said() -> str:
+    """What an interruption says: what is left, and how to go on."""
+    left = _goes_on[-1] if _goes_on else "no unfinished result is left"
+    return f"holdfast: interrupted; {left}\n"
+
+
+@contextmanager
+def going_on(what: str, folder: object) -> Iterator[None]:
+    """While results are kept one by one in a folder, from which the same command goes on."""
+    _goes_on.append(f"{what} are kept in {folder}, and the same command goes on from there")
+    yield
+    _goes_on.pop()  # not where it was interrupted
 
 
 @contextmanager
@@ -159,7 +173,7 @@ def _hear(ear: socket.socket) -> None:
         while heard := ear.recv(1):
             if heard[0] == signal.SIGINT:
                 time.sleep(GRACE)
-                end(INTERRUPTED, "\n" + SAID)
+                end(INTERRUPTED, "\n" + said())
             if heard[0] in _TERMINATIONS:
                 if _postponing.is_set():
                     time.sleep(GRACE)

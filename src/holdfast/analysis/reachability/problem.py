@@ -29,6 +29,7 @@ from holdfast.maths.definitions.bounds import section
 from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.parser import expression_of
 
 Player = Literal["min", "max"]
 
@@ -696,8 +697,8 @@ def _with_names(
 
 
 def _expression(value: float | sp.Expr) -> sp.Expr:
-    if isinstance(value, sp.Expr):
-        return value
+    if isinstance(value, sp.Expr | str):
+        return expression_of(value)
     return sp.Float(number("a disturbance is given as ", value, "a finite number", math.isfinite))
 
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import takewhile
 from typing import Any
 
@@ -51,8 +51,9 @@ from holdfast.execution.leaf import Evaluator
 from holdfast.execution.resources import Progress, check_trials
 from holdfast.execution.simulation.settings import Outcome
 from holdfast.maths.control.value_filter import ADVERSARY_AIM
+from holdfast.maths.definitions.bounds import Box, Product
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import TIME, symbol
+from holdfast.maths.definitions.quantity import TIME, Quantity, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
@@ -480,13 +481,16 @@ def check_promise(
     whole("runs: ", runs, 1)
     check_trials(runs, len(system.states))
     whole("seed: ", seed, 0)
-    model = decided(system, value)
     check_not_empty(value)
     if region is None and goal is None:
         raise SimulationError("no region to stay in", remedy="give the region")
-    steered = safety_law(system, value, law, sample_time=sample_time, rate=rate)
+    model, loss = decided(system, value), 0.0
+    if system.inputs:
+        steered = safety_law(system, value, law, sample_time=sample_time, rate=rate)
+        loss = sampled_margin(system, value, sample_time) if margin is None else 0.0
+    else:
+        steered = Law("no inputs", system.states, {IDLE.name: sp.S.Zero})
     generator = np.random.default_rng(seed)
-    loss = sampled_margin(system, value, sample_time) if margin is None and system.inputs else 0.0
     inside, loss = inside_states(value, generator, runs, margin, loss)
     beyond = outside_states(value, generator, runs, margin, region, model)
     outer = outer_states(value, np.random.default_rng((seed, 1)), (runs + 1) // 2, margin, loss)
@@ -544,6 +548,17 @@ def check_promise(
         share=outer.share,
         layers=layers_of(outer, every, loss if margin is None else None),
     )
+
+
+IDLE = Quantity("no_input", "1")
+
+
+def _with_idle(system: System) -> System:
+    """A system with one input more, which moves nothing: a closed loop has something to command."""
+    free = (sp.oo,) * len(system.inputs)
+    others = system.input_bounds or Box(tuple(-e for e in free), free)
+    bounds = Product((Box((0,), (0,)), others)) if free else Box((0,), (0,))
+    return replace(system, inputs=(IDLE, *system.inputs), input_bounds=bounds)
 
 
 def _part(tell: Progress | None, begin: float, parts: int) -> Callable[[float], None]:
@@ -619,6 +634,8 @@ class _Attack:
             settings["disturbance"] = schedule.expressions
             settings["varied"] = schedule.drawn(kind, self.horizon, self.sample_time)
             settings["seed"] = self.seed + (what == RESTARTS)
+        if not self.system.inputs:
+            plant = _with_idle(plant)
         result = simulate(plant, driven, starts=starts, region=self.region, **settings)
         return self._judged(result)
 

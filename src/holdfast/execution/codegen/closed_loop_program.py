@@ -53,6 +53,7 @@ from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System, by_measurements, check_outputs
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.functions import Process
+from holdfast.maths.expressions.parser import expression_of
 from holdfast.maths.expressions.traversal import exchanged, symbols_of
 
 
@@ -274,7 +275,7 @@ def felt_disturbance(
 
     Raises `SimulationError` for an expression of anything but t, states and parameters.
     """
-    expressions = [sp.sympify(disturbance.get(q.name, 0)) for q in system.disturbances]
+    expressions = [expression_of(disturbance.get(q.name, 0)) for q in system.disturbances]
     processes: dict[sp.Symbol, tuple[Process, int]] = {}
     for k, e in enumerate(expressions):
         for number, process in enumerate(sorted(e.atoms(Process), key=str)):

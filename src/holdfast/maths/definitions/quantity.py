@@ -19,8 +19,8 @@ from holdfast.arguments import InItsUnit, checked
 from holdfast.errors import DefinitionError, HoldfastError
 from holdfast.maths.definitions.value import FrozenDict
 from holdfast.maths.expressions.functions import FUNCTIONS, PROCESSES
-from holdfast.maths.expressions.parser import parse_names
-from holdfast.maths.expressions.traversal import canonical, parts
+from holdfast.maths.expressions.parser import expression_of
+from holdfast.maths.expressions.traversal import parts
 from holdfast.maths.expressions.written import FUNCTIONS as COMPILED
 
 if TYPE_CHECKING:
@@ -304,12 +304,7 @@ def merge_parameters(*groups: Iterable[Parameter]) -> tuple[Parameter, ...]:
 
 def frozen(expressions: Mapping[str, object]) -> Mapping[str, sp.Expr]:
     """A mapping of expressions, or of their texts, in canonical form, that cannot be changed."""
-    return FrozenDict(
-        {
-            name: parse_names(e) if isinstance(e, str) else canonical(e)
-            for name, e in expressions.items()
-        }
-    )
+    return FrozenDict({name: expression_of(e) for name, e in expressions.items()})
 
 
 def whole_number(value: object, what: str, least: int, most: int) -> int:

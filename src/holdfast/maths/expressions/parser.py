@@ -25,7 +25,7 @@ from holdfast.maths.expressions.functions import (
     pairwise,
     select,
 )
-from holdfast.maths.expressions.traversal import syntax_tree
+from holdfast.maths.expressions.traversal import canonical, syntax_tree
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 60
@@ -85,8 +85,12 @@ def parse_formula(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
     return _parsed(text, names, processes=False)
 
 
-def parse_names(text: str) -> sp.Expr:
-    """The expression written in `text`, of whatever names it has."""
+def expression_of(value: object) -> sp.Expr:
+    """What a user gives for an expression: one of SymPy, a number, or a text of names."""
+    return _of_names(value) if isinstance(value, str) else canonical(value)
+
+
+def _of_names(text: str) -> sp.Expr:
     translator = _Translator(text, {}, processes=True)
     names = {node.id for node in ast.walk(translator.tree) if isinstance(node, ast.Name)}
     translator.names = {name: sp.Symbol(name, real=True) for name in names - {"pi"}}

@@ -21,6 +21,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.value import Value
 from holdfast.maths.expressions.functions import clip, greatest, magnitude, select, sgn
+from holdfast.maths.expressions.parser import expression_of
 from holdfast.maths.expressions.traversal import at_numbers
 
 V = TypeVar("V")
@@ -195,7 +196,7 @@ class Bounds(Value, ABC):
 
 def entries(values: Sequence[object], what: str) -> tuple[sp.Expr, ...]:
     """The values as expressions; `DefinitionError` for NaN and other objects."""
-    result = tuple(sp.sympify(v) for v in values)
+    result = tuple(map(expression_of, values))
     for value in result:
         if not isinstance(value, sp.Expr) or value.has(sp.nan):
             raise DefinitionError(f"{what} has the entry {value}", expected="a number")

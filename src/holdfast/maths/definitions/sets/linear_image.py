@@ -16,6 +16,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.sets.base import Bounds, Reach, Row
 from holdfast.maths.expressions.functions import least, magnitude, select, sgn
+from holdfast.maths.expressions.parser import expression_of
 from holdfast.maths.expressions.random_points import full_rank
 from holdfast.maths.expressions.traversal import at_numbers
 
@@ -34,7 +35,8 @@ class LinearImage(Bounds):
     actuators: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "matrix", sp.ImmutableMatrix(self.matrix))
+        matrix = sp.ImmutableMatrix(self.matrix).applyfunc(expression_of)
+        object.__setattr__(self, "matrix", matrix)
         _, columns = self.matrix.shape
         if columns != self.of.dimension:
             raise DefinitionError(
