@@ -106,9 +106,12 @@ def test_project_declares_the_python_it_needs():
 
 
 def test_site_has_every_page_and_the_reference_every_name():
-    pages = {p.name for p in (ROOT / "docs").glob("*.md")}
-    assert set(re.findall(r": (\w+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M)) == pages
-    known = set(re.findall(r"^::: holdfast\.(\S+)$", (ROOT / "docs/api.md").read_text(), re.M))
+    docs = ROOT / "docs"
+    pages = {str(p.relative_to(docs)) for p in docs.rglob("*.md")}
+    named = re.findall(r": ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M)
+    assert set(named) == pages
+    reference = "".join(p.read_text() for p in (docs / "reference").glob("*.md"))
+    known = set(re.findall(r"^::: holdfast\.(\S+)$", reference, re.M))
     catalogue = {"fields", "laws", "regions", "systems"}
     assert set(hf.__all__) - catalogue - {"__version__"} <= known
     entries = {f"maths.catalogue.{k}.{f.__name__}" for k in catalogue for f in getattr(hf, k).ALL}
