@@ -28,8 +28,8 @@ def command(
 ) -> None:
     """Compare the laws of SCENARIO: how many starts each of them rescues, in every case.
 
-    A law is a name in its table [compare.laws], its own name, or another scenario, whose law is
-    taken. All of them run from the same starts.
+    A law is named by its table in [compare.laws]. The name of SCENARIO stands for its own law, and
+    the name of another scenario for the law of that one. All laws run from the same starts.
     """
     from holdfast.presentation.studies.comparison import comparison_text
     from holdfast.scenario.files import scenario_title

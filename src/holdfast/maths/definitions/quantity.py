@@ -255,9 +255,11 @@ def may_be_left_out(record: type) -> set[str]:
 @checked
 @dataclass(frozen=True)
 class Parameter(Quantity):
-    """A quantity with a value (above a limit), its source, and whether it is only assumed.
+    """A quantity whose number is known.
 
-    gain: whether it is a gain of a law, a number that its designer is free to choose.
+    value: the number, in `unit`. above: a limit that it has to exceed. source: where the number is
+    from. assumed: whether nobody has measured it. gain: whether it is a gain of a law, a number
+    that its designer is free to choose.
     """
 
     value: InItsUnit = math.nan
