@@ -94,6 +94,12 @@ def line(**more):
     return hf.System("line", STATES, INPUTS, {"x": U}, **more)
 
 
+STILL = hf.System("still", STATES, (), {"x": -X})
+WALL = hf.Region("wall", STATES, (hf.Inequality("right", X - 1, "m"),))
+STILL_SET = hf.viability_kernel(
+    STILL, WALL, hf.grid(STILL, {"x": (-2, 2)}, 21, {"x": "extrapolated"}), 1.0
+)
+
 CALLS = {
     "input_bounds=hf.Box((1,), (0,))": (
         lambda: line(input_bounds=hf.Box((1,), (0,))), "empty interval [1, 0]",
@@ -104,6 +110,14 @@ CALLS = {
     "a relation as an inequality": (
         lambda: hf.Inequality("wall", X <= 3, "m"),
         "is the relation x <= 3; expected an expression that is at most 0 where it holds; write x - 3",
+    ),
+    "an equation": (lambda: hf.Inequality("wall", sp.Eq(X, 3)), "is the relation Eq(x, 3)"),
+    "two relations": (
+        lambda: hf.Inequality("wall", sp.And(X < 1, X > -1)), "write an inequality for each part",
+    ),
+    "a law of a system that has no inputs": (
+        lambda: hf.check_promise(STILL, STILL_SET, WALL, law=hf.Law("home", STATES, {"u": -X})),
+        "system 'still' has no inputs; expected no law",
     ),
     "the other relation": (lambda: hf.Inequality("wall", X > 1, "m"), "write 1 - x"),
     "a text as an inequality": (
@@ -176,6 +190,12 @@ def test_a_file_is_found_by_its_name_without_its_ending(here):
     assert "did you mean" in said("run", "mover", status=2) or "allowed" in said(
         "run", "mover", status=2
     )
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "a/b", "\x01"])
+def test_a_name_that_is_none_of_a_file_is_refused(here, name):
+    assert "holdfast: " in said("run", name, status=2)
+    assert "holdfast: " in said("show", name, status=2)
 
 
 def test_a_margin_without_a_disturbance_says_so(here):

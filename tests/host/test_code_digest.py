@@ -1,13 +1,19 @@
 """The digest of the code is that of what runs, or one of its own."""
 
+import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import holdfast
 
-ASKS = "from holdfast.host.files import code_digest; {}; print(code_digest(), code_digest('host'))"
+ASKS = """
+from holdfast.host.files import code_digest, version_digest
+{}
+print(code_digest(), code_digest("host"), version_digest())
+"""
 
 
 def asked(place, between="pass"):
@@ -30,4 +36,8 @@ def test_a_file_that_is_edited_while_a_process_runs_makes_its_digest_no_other_on
     during = asked(folder, f"open({str(edited)!r}, 'a').write('# edited')")
     after = asked(folder)
     assert asked(folder) == after
-    assert len({*before, *during, *after}) == 6
+    assert len({*before[:2], *during[:2], *after[:2]}) == 6
+    assert during[2] == after[2] == after[0], "processes that work together compare the files"
+    later = time.time() + 3600
+    os.utime(edited, (later, later))
+    assert asked(folder) == after, "a time that is yet to come says nothing"

@@ -19,7 +19,7 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.open, self.tags, self.text, self.images = [], [], "", []
+        self.open, self.tags, self.text, self.images, self.texts = [], [], "", [], []
         self.feed(text)
         assert self.open == []
 
@@ -35,6 +35,7 @@ class Page(HTMLParser):
 
     def handle_data(self, data):
         self.text += data
+        self.texts.append(data)
 
 
 def printed(scenario):
@@ -84,7 +85,11 @@ def test_a_formula_that_nobody_reads_is_text():
 
 def test_names_and_texts_are_no_tags():
     states = (hf.Quantity("x", "m"),)
-    law = hf.Law("a <b> & c", states, {"u": hf.symbol("x")}, description="<script>")
+    law = hf.Law("a <b> & c", states, {"<u>": hf.symbol("x")}, description="<script>")
+    wall = hf.Inequality("<i>", hf.symbol("x"), "<b>")
+    page = Page(hf.Region("r", states, (wall,))._repr_html_())
+    assert {"<i>", "<b>"} <= {text.strip() for text in page.texts}
+    assert not {"i", "b"} & set(page.tags[2:])
     page = Page(law._repr_html_())
     assert "a <b> & c" in page.text
     assert "script" not in page.tags

@@ -546,13 +546,13 @@ def test_figure_shows_what_was_gone_over(cart, here, over, latin, panels, tmp_pa
 MILLION = """
 import sys
 from holdfast.studies.sweep import Part, run_part
-from holdfast.host.files import code_digest
+from holdfast.host.files import version_digest
 from holdfast.scenario.files import read_tables
 
 file, _, tables = read_tables(sys.argv[1], ["run.horizon=1", "noise=", "varied=", "disturbance="])
 size, total, done, held = 5_000, 1_000_000, 0, []
 for first in range(0, total, size):
-    part = Part(file, tables, (), total, None, first, first + size, 0, code_digest())
+    part = Part(file, tables, (), total, None, first, first + size, 0, version_digest())
     done += run_part(part)["numbers"]["runs"][1]
     with open("/proc/self/statm") as said:
         held.append(int(said.read().split()[1]) * 4096 / 2**20)

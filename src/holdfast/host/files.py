@@ -446,20 +446,33 @@ _BEGUN = time.time() - 0.02  # the times of files are up to some hundredths of a
 
 
 @cache
+def version_digest(room: str = ".") -> str:
+    """A digest of the files of the code, or of one room of it: of two processes the same version
+    has the same."""
+    digest = hashlib.sha256()
+    for source in _sources(room):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
 def code_digest(room: str = ".") -> str:
-    """A digest of the code that results depend on, or of one room of it, so that another version
-    computes them anew.
+    """A digest of the code that stored results depend on, so that another version computes them
+    anew.
 
     Where a file was edited after this process had begun, it may be no text of the code that runs:
     the digest is then one that no other process has.
     """
-    digest = hashlib.sha256()
-    for source in sorted((Path(str(resources.files("holdfast"))) / room).rglob("*.py")):
-        digest.update(source.read_bytes())
+    now, digest = time.time(), version_digest(room)
+    for source in _sources(room):
         status = source.stat()
-        if max(status.st_mtime, status.st_ctime) > _BEGUN:
-            digest.update(secrets.token_bytes(16))
-    return digest.hexdigest()
+        if any(_BEGUN < edited <= now for edited in (status.st_mtime, status.st_ctime)):
+            return digest + secrets.token_hex(16)
+    return digest
+
+
+def _sources(room: str) -> list[Path]:
+    return sorted((Path(str(resources.files("holdfast"))) / room).rglob("*.py"))
 
 
 class Stored:

@@ -52,7 +52,7 @@ def _of_printed(value: Printed) -> str:
 @html_of.register
 def _of_system(system: System) -> str:
     rates = [
-        (_named(q), q.unit, _equation(q.name, system.rates[q.name], "\u2032"))
+        (_named(q), html.escape(q.unit), _equation(q.name, system.rates[q.name], "\u2032"))
         for q in system.states
     ]
     page = _title(f"System {system.name}", system.description)
@@ -88,8 +88,15 @@ def _of_switching(law: Switching) -> str:
 
 @html_of.register
 def _of_region(region: Region) -> str:
-    rows = [(html.escape(c.name), _sign(c.expression, "\u2264"), c.unit, html.escape(c.description))
-            for c in region.inequalities]  # fmt: skip
+    rows = [
+        (
+            html.escape(c.name),
+            _sign(c.expression, "\u2264"),
+            html.escape(c.unit),
+            html.escape(c.description),
+        )
+        for c in region.inequalities
+    ]
     page = _title(f"Region {region.name}", region.description)
     return (
         page + _table(("inequality", "safe where", "in", ""), rows) + _parameters(region.parameters)
@@ -139,7 +146,10 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def _parameters(parameters: Sequence[Parameter]) -> str:
     if not parameters:
         return ""
-    rows = [(_named(q), f"{q.value:.6g}", q.unit, html.escape(q.description)) for q in parameters]
+    rows = [
+        (_named(q), f"{q.value:.6g}", html.escape(q.unit), html.escape(q.description))
+        for q in parameters
+    ]
     title = "1 parameter" if len(rows) == 1 else f"{len(rows)} parameters"
     return _closed(title, _table(("name", "value", "in", ""), rows))
 
@@ -153,7 +163,8 @@ def _picture(figure: Figure, about: str) -> str:
 
 
 def _mathml(e: sp.Basic) -> str:
-    return str(MathMLPresentationPrinter({"mul_symbol": "dot"}).doprint(e))
+    named = {s: sp.Symbol(html.escape(s.name)) for s in e.free_symbols}
+    return str(MathMLPresentationPrinter({"mul_symbol": "dot"}).doprint(e.xreplace(named)))
 
 
 def _math(inner: str) -> str:

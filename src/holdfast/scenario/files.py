@@ -45,7 +45,15 @@ def scenario_names() -> tuple[str, ...]:
 
 def is_scenario(name: str) -> bool:
     """Whether a name stands for a shipped scenario, or for a file: NAME.toml, or NAME for it."""
-    return name in scenario_names() or name.endswith(".toml") or Path(f"{name}.toml").is_file()
+    return name in scenario_names() or name.endswith(".toml") or _is_beside(name)
+
+
+def _is_beside(name: str) -> bool:
+    """Whether NAME.toml is a file."""
+    try:
+        return Path(f"{name}.toml").is_file()
+    except (OSError, ValueError):  # no name of a file
+        return False
 
 
 def read_text(name: str) -> tuple[str, str]:
@@ -53,7 +61,7 @@ def read_text(name: str) -> tuple[str, str]:
     if name in scenario_names():
         file = resources.files("holdfast.scenarios") / f"{name}.toml"
         return f"{name}.toml", file.read_text("utf-8")
-    if not name.endswith(".toml") and Path(f"{name}.toml").is_file():
+    if not name.endswith(".toml") and _is_beside(name):
         name = f"{name}.toml"
     if not name.endswith(".toml"):
         raise ScenarioError(

@@ -34,7 +34,7 @@ from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, OutputError, ScenarioError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import available_cores
-from holdfast.host.files import code_digest, make_folder
+from holdfast.host.files import code_digest, make_folder, version_digest
 from holdfast.maths.definitions.quantity import split
 from holdfast.scenario.files import files_digest, overridden, read_tables
 from holdfast.scenario.kinds.base import Composed
@@ -271,7 +271,7 @@ def run_part(part: Part) -> dict[str, Any]:
     The key "failed" marks a failure, which may not recur, in contrast to a refusal. Raises
     `ScenarioError` if the request comes from another version of holdfast.
     """
-    if part.code != code_digest():
+    if part.code != version_digest():
         raise ScenarioError(
             "a process of the cluster has another version of holdfast",
             remedy="install the same version everywhere",
@@ -463,7 +463,7 @@ def sweep(
             cell, first = key[0], key[1] * PART
             runs_of_it = (first, min(first + PART, total))
             return Part(
-                shown, data, settings[cell], runs, seed, *runs_of_it, threads, code_digest()
+                shown, data, settings[cell], runs, seed, *runs_of_it, threads, version_digest()
             )
 
         def tell() -> None:

@@ -3,9 +3,11 @@
 import copy
 import multiprocessing
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import holdfast as hf
 from tests.carts import BOX, WALLS, D, U, cart
@@ -151,3 +153,44 @@ def test_a_filter_of_a_kernel_that_stays_in_its_file_goes_on_from_its_copy(kerne
     keep = hf.SafetyFilter(cart(0.1), hf.load(path, lazy=True), sample_time=HOLD)
     check(keep)
     assert keep.law == hf.SafetyFilter(cart(0.1), hf.load(path, lazy=True), sample_time=HOLD).law
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_what_a_filter_was_made_of_does_not_change_with_the_callers_arguments():
+    rates, fallback = {"u": 2.0}, np.array([0.5])
+    keep = regions(rates=rates, fallback=fallback)
+    before, among = hash(keep), {keep}
+    rates["u"], fallback[0] = 0.1, -0.5
+    assert hash(keep) == before
+    assert keep in among
+    other = copy.deepcopy(keep)
+    assert other.fallback.tolist() == [0.5]
+    assert decided(other, 0) == decided(keep, 0)
+
+
+def test_filters_and_plants_are_equal_however_their_arguments_are_written():
+    assert regions() == hf.SafetyFilter(system=DRIFTS, keep=WALLS, sample_time=HOLD, delay=0)
+    assert hf.Plant(DRIFTS, [0.5]) == hf.Plant(DRIFTS, np.array([0.5]), sample_time=0.02)
+    assert hf.Plant(DRIFTS, [0.5]) != hf.Plant(DRIFTS, [0.5], substeps=4)
+
+
+def test_numbers_of_sympy_are_copied():
+    plant = hf.Plant(DRIFTS, [sp.sqrt(2) / 2])
+    for other in (copy.copy(plant), copy.deepcopy(plant), pickle.loads(pickle.dumps(plant))):
+        assert other.state.tolist() == plant.state.tolist()
+
+
+def test_decisions_of_other_times_are_others():
+    one, other = (regions().step([0.5], [1], t) for t in (-1.0, -2.0))
+    assert one != other
+    lost = regions().step([0.5], [1], np.nan)
+    assert pickle.loads(pickle.dumps(lost)) == lost
+    assert hash(pickle.loads(pickle.dumps(lost))) == hash(lost)
+
+
+def test_kernels_are_equal_where_their_values_are(kernel):
+    again = pickle.loads(pickle.dumps(kernel))
+    assert again == kernel
+    assert hash(again) == hash(kernel)
+    assert replace(kernel, dataset=kernel.dataset + 5) != kernel
+    assert str(kernel) == "<discriminating-kernel of walls, cart: 41 x 41 nodes over x, v>"

@@ -81,6 +81,27 @@ def test_an_interrupt_at_any_time_ends_the_stage_and_every_thread(work):
     assert interrupts == 200
 
 
+def test_an_interrupt_at_the_end_leaves_no_thread(work, monkeypatch):
+    join = threading.Thread.join
+
+    def joined(thread, timeout=None):
+        if thread.name == "holdfast-march-1":
+            raise KeyboardInterrupt
+        join(thread, timeout)
+
+    out = np.zeros(4)
+    workers = Workers(4, 10).__enter__()
+    workers.run(work, np.array([address(out), 1]))
+    with monkeypatch.context() as inside:
+        inside.setattr(threading.Thread, "join", joined)
+        with pytest.raises(KeyboardInterrupt):
+            workers.__exit__()
+    deadline = time.monotonic() + 20
+    while names() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert names() == []
+
+
 @pytest.fixture(autouse=True)
 def alarm_is_an_interrupt():
     def interrupt(*_):

@@ -7,6 +7,7 @@ What a controller is given at a sample is one row of numbers; what is wrong with
 
 from __future__ import annotations
 
+import inspect
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -26,7 +27,7 @@ from holdfast.maths.control.velocity_tracking import commanded
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.value import content, picklable
+from holdfast.maths.definitions.value import FrozenDict, content, picklable
 
 Given = Mapping[str, float] | Sequence[float] | Array
 """Numbers by name, or in the order of their names."""
@@ -197,7 +198,13 @@ class Remade:
 
     def __new__(cls, *arguments: Any, **by_name: Any) -> Self:
         made = super().__new__(cls)
-        made._arguments = arguments, by_name
+        try:
+            bound = inspect.signature(cls.__init__).bind(made, *arguments, **by_name)
+        except TypeError:  # which `__init__` refuses, or has another name of
+            made._arguments = tuple(map(_fixed, arguments)), _fixed(by_name)
+            return made
+        bound.apply_defaults()
+        made._arguments = (), _fixed(dict(list(bound.arguments.items())[1:]))
         return made
 
     def _now(self) -> Any:
@@ -206,6 +213,10 @@ class Remade:
 
     def _resume(self, earlier: Any) -> None:
         raise NotImplementedError
+
+    def __copy__(self) -> Self:
+        copied: Self = _remade(type(self), self._arguments, self._now())
+        return copied
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _remade, (type(self), picklable(self._arguments), self._now())
@@ -219,7 +230,19 @@ class Remade:
         return hash((type(self), content(self._arguments)))
 
 
-def _remade(of: type[Remade], arguments: tuple[Any, dict[str, Any]], earlier: Any) -> Remade:
+def _fixed(value: Any) -> Any:
+    """The same numbers, which the caller cannot change any more."""
+    match value:
+        case np.ndarray():
+            return _fixed(value.tolist())
+        case list() | tuple() if type(value) in QUICK:
+            return tuple(map(_fixed, value))
+        case dict():
+            return FrozenDict({name: _fixed(held) for name, held in value.items()})
+    return value
+
+
+def _remade(of: type[Any], arguments: tuple[Any, dict[str, Any]], earlier: Any) -> Any:
     by_place, by_name = arguments
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # they were given where it was made first
@@ -393,7 +416,7 @@ class Controller(Remade):
         felt = tuple(n for n in self.system.disturbance_names if n in reads)
         self._told = Measurements(self._program, self.system.state_names, felt)
         self._count = 0
-        self._arguments = (self.system, self.law), {"sample_time": self.sample_time}
+        self._arguments = (self.system, self.law), FrozenDict(sample_time=self.sample_time)
 
     @property
     def measured(self) -> tuple[str, ...]:

@@ -147,12 +147,13 @@ class Decision:
         """Whether both say the same of the same; NaN is equal to itself."""
         if not isinstance(other, Decision):
             return NotImplemented
-        arrays = (self._row, other._row), (self.seen, other.seen)
+        arrays = (self._row, other._row), (self.seen, other.seen), (self.t, other.t)
         same = all(np.array_equal(a, b, equal_nan=True) for a, b in arrays)
-        return same and hash(self) == hash(other) and self._rows == other._rows
+        facts = self.status, self.overruled, self._rows
+        return same and facts == (other.status, other.overruled, other._rows)
 
     def __hash__(self) -> int:
-        return hash((self.t, self.status, self.overruled))
+        return hash((None if math.isnan(self.t) else self.t, self.status, self.overruled))
 
     def __reduce__(self) -> tuple[object, ...]:
         """What it says, and not the filter."""

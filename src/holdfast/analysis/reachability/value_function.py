@@ -44,7 +44,7 @@ from holdfast.execution.resources import check_memory
 from holdfast.execution.table_in_parts import TableInParts, slopes_at, values_at
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.value import InNotebooks
+from holdfast.maths.definitions.value import InNotebooks, Value
 
 if TYPE_CHECKING:
     from holdfast.analysis.certificates.certificate import Certificate
@@ -446,8 +446,8 @@ def _spread(numbers: Array, periodic: Sequence[bool], choose: Any) -> Array:
     return numbers
 
 
-@dataclass(frozen=True)
-class ValueFunction(InNotebooks):
+@dataclass(frozen=True, eq=False, repr=False)
+class ValueFunction(Value, InNotebooks):
     """V over the states, at one time or several; the set is { V > 0 }.
 
     dataset: `value` with one dimension for every state and, if several times were requested,
@@ -463,6 +463,13 @@ class ValueFunction(InNotebooks):
     stored: StoredTables | None = field(default=None, repr=False, compare=False)
     claim: Claim | None = field(default=None, repr=False, compare=False)
     games: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        nodes = " x ".join(str(a.count) for a in self.grid.axes)
+        names = ", ".join(a.state.name for a in self.grid.axes)
+        attributes = self.dataset.attrs
+        of = f"{attributes.get('region', '')}, {attributes.get('system', '')}"
+        return f"<{attributes.get('kind', 'value function')} of {of}: {nodes} nodes over {names}>"
 
     @property
     def report(self) -> Report:

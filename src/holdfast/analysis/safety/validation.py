@@ -488,6 +488,8 @@ def check_promise(
     if system.inputs:
         steered = safety_law(system, value, law, sample_time=sample_time, rate=rate)
         loss = sampled_margin(system, value, sample_time) if margin is None else 0.0
+    elif law is not None:
+        raise SimulationError(f"system '{system.name}' has no inputs", expected="no law")
     else:
         steered = Law("no inputs", system.states, {IDLE.name: sp.S.Zero})
     generator = np.random.default_rng(seed)

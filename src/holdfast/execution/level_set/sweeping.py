@@ -164,8 +164,8 @@ Counts = npt.NDArray[np.float64]
 READS = 300_000
 """How often a thread looks whether others have gone on before it sleeps: some 100 microseconds."""
 
-NAP = 5e-5
-"""Seconds that the first sleeps where another takes longer than that."""
+NAP, LONGEST_NAP = 5e-5, 5e-3
+"""Seconds that the first sleeps where another takes longer than that, each time twice as long."""
 
 MOST_ARGUMENTS = 32
 """Of a function that threads carry out, at most."""
@@ -210,7 +210,7 @@ class Workers:
         )
         # Of queues that are written in C a call is whole, also where an interrupt comes.
         self._wakes: list[SimpleQueue[None]] = [SimpleQueue() for _ in range(1, threads)]
-        self._away, self._closed = self._ended[:, 1], False
+        self._closed = False
         self._others = [
             threading.Thread(target=self._work, args=(k,), name=f"holdfast-march-{k}", daemon=True)
             for k in range(1, threads)
@@ -233,10 +233,13 @@ class Workers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._wait()
-        self._closed = True
-        for wakes, other in zip(self._wakes, self._others, strict=True):
-            wakes.put(None)
+        try:
+            self._wait()
+        finally:  # all are told before any is waited for: an interrupt may come at any time
+            self._closed = True
+            for wakes in self._wakes:
+                wakes.put(None)
+        for other in self._others:
             if other.ident is not None:
                 other.join()
 
@@ -249,10 +252,11 @@ class Workers:
             serve()
             self._wakes[other].get()
 
-    def _wake(self) -> None:
-        """Those that do not look for the next stage; one that is woken twice looks once more."""
-        for other, away in enumerate(self._away.tolist()):
-            if away:
+    def _wake(self, stage: int) -> None:
+        """Those that have not ended a stage, and do not look for it; one that is woken twice looks
+        once more."""
+        for other, (ended, away) in enumerate(self._ended[:, :2].tolist()):
+            if away and ended < stage:
                 self._wakes[other].put(None)
 
     def run(self, function: int, arguments: Numbers) -> Counts:
@@ -264,7 +268,7 @@ class Workers:
         """
         self._orders[:, 0] = function
         self._rest[:, : arguments.shape[-1]] = arguments
-        self._wake()
+        self._wake(int(self._begun[0]) + 1)
         try:
             self._lead()
         finally:  # none works on the caller's arrays when this ends, be it by an interrupt
@@ -274,13 +278,15 @@ class Workers:
     def _wait(self) -> None:
         """Until all have ended what has begun; an interrupt that comes meanwhile is raised then."""
         interrupt: BaseException | None = None
+        nap = NAP
         while True:
             try:
                 self._gather()
                 if self._sums[3]:
                     break
-                self._wake()  # one that fell asleep just before the stage began
-                time.sleep(NAP)
+                self._wake(int(self._begun[0]))  # one that fell asleep just before it began
+                time.sleep(nap)
+                nap = min(2 * nap, LONGEST_NAP)
             except KeyboardInterrupt as error:
                 interrupt = error
         if interrupt is not None:
@@ -559,9 +565,11 @@ class Sweeping(StagesHere, MarchArrays):
         error: BaseException | None,
         at: TracebackType | None,
     ) -> None:
-        if kind is None and self.values() is not self._values:
-            self._values[:] = self.arrays[0]
-        self._workers.__exit__(kind, error, at)
+        try:
+            if kind is None and self.values() is not self._values:
+                self._values[:] = self.arrays[0]
+        finally:
+            self._workers.__exit__(kind, error, at)
 
     def _carry_out(self, order: StageOrder) -> Counts:
         s = order.s

@@ -73,6 +73,17 @@ class Circle:
 Shape = Segment | Cone | Footprint | Circle
 
 
+def _remedy(relation: sp.logic.boolalg.Boolean) -> str:
+    match relation:
+        case sp.LessThan() | sp.StrictLessThan():
+            return f"write {short_text(relation.lhs - relation.rhs)}"
+        case sp.GreaterThan() | sp.StrictGreaterThan():
+            return f"write {short_text(relation.rhs - relation.lhs)}"
+        case sp.And():
+            return "write an inequality for each part"
+    return ""
+
+
 @checked
 @dataclass(frozen=True)
 class Inequality(Value):
@@ -85,14 +96,12 @@ class Inequality(Value):
     scale: InItsUnit | None = None
 
     def __post_init__(self) -> None:
-        relation = self.expression
-        if isinstance(relation, sp.core.relational.Relational):
-            less = isinstance(relation, sp.LessThan | sp.StrictLessThan)
-            below = relation.lhs - relation.rhs if less else relation.rhs - relation.lhs
+        boolean = isinstance(self.expression, sp.logic.boolalg.Boolean)
+        if boolean and not isinstance(self.expression, sp.Expr):  # as a symbol is
             raise DefinitionError(
-                f"inequality '{self.name}' is the relation {short_text(relation)}",
+                f"inequality '{self.name}' is the relation {short_text(self.expression)}",
                 expected="an expression that is at most 0 where it holds",
-                remedy=f"write {short_text(below)}",
+                remedy=_remedy(self.expression),
             )
         object.__setattr__(self, "expression", canonical(self.expression))
         if self.scale is not None and not 0 < self.scale < math.inf:

@@ -26,6 +26,15 @@ class FrozenDict(dict[Key, Held]):
     __setitem__ = __delitem__ = __ior__ = _refuse
     clear = pop = popitem = setdefault = update = _refuse
 
+    def __eq__(self, other: object) -> bool:
+        """As a dict's, but for arrays, which are equal as a whole."""
+        if isinstance(other, FrozenDict):
+            return bool(content(self) == content(other))
+        return dict.__eq__(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
     def __hash__(self) -> int:  # type: ignore[override]
         return hash(content(self))
 
@@ -119,7 +128,8 @@ def content(value: Any) -> Any:
     if hasattr(value, "data_vars"):  # a dataset of xarray
         return content({**value.variables}), content(value.attrs)
     if hasattr(value, "dims") and hasattr(value, "values"):  # an array with names
-        return value.dims, content(value.values), content(value.attrs)
+        coordinates = {n: content(c.values) for n, c in getattr(value, "coords", {}).items()}
+        return value.dims, content(value.values), content(value.attrs), content(coordinates)
     return value
 
 
