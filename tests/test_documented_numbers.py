@@ -146,25 +146,6 @@ def not_in(tie, text, also, takes):
     return lacks + sorted(idle)
 
 
-@pytest.mark.slow(
-    "attacks",
-    "autopilots",
-    "certificates",
-    "convergence",
-    "currents",
-    "decomposition",
-    "embedded",
-    "errata",
-    "explore",
-    "identify",
-    "kernels",
-    "own_controller",
-    "results",
-    "station_keeping",
-    "steering",
-    "uniform_logic",
-    "viable_redesign",
-)
 @pytest.mark.parametrize("ties", TIES, ids=lambda p: p.stem)
 def test_every_number_of_a_tied_sentence_is_one_of_its_test(ties):
     page, lacks = page_of(ties), {}
@@ -185,7 +166,6 @@ def test_every_number_of_a_tied_sentence_is_one_of_its_test(ties):
     assert not lacks
 
 
-@pytest.mark.slow("certificates", "kernels", "rescue")
 @pytest.mark.parametrize("ties", TIES, ids=lambda p: p.stem)
 def test_every_number_of_a_tied_table_is_one_of_its_test(ties):
     """Or the test looks the table up on the page, by its heading or its header."""

@@ -130,6 +130,7 @@ def test_set_is_exact_whenever_its_rate_changes(change, scheme, nodes):
     lost = quad(sp.lambdify(TIME, CHANGES[change]), 0, 5, points=(1, 2.3, 4))[0]
     cells = {"upwind": 0.7, "weno5": 0.05}[scheme]
     assert value.extent()["x"][1] == pytest.approx(3 - lost, abs=cells * 16 / (nodes - 1))
+    assert value.report.steps >= 128
 
 
 def test_wall_that_comes_and_goes_is_seen_by_what_hardly_moves():
