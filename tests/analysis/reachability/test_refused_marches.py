@@ -189,6 +189,8 @@ def test_regions_and_disturbances_that_are_none():
     )  # fmt: skip
     for value in ("a", math.nan, None, True):
         message = f"a disturbance is given as {value!r}; expected a finite number"
+        if isinstance(value, str):
+            message = f"disturbance 'd' uses '{value}'; expected a number, or an expression of t"
         refused(
             message,
             lambda d=value: hf.viability_kernel(pushed, WALLS, grid, 1, disturbance={"d": d}),
