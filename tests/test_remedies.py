@@ -96,9 +96,12 @@ def line(**more):
 
 STILL = hf.System("still", STATES, (), {"x": -X})
 WALL = hf.Region("wall", STATES, (hf.Inequality("right", X - 1, "m"),))
-STILL_SET = hf.viability_kernel(
-    STILL, WALL, hf.grid(STILL, {"x": (-2, 2)}, 21, {"x": "extrapolated"}), 1.0
-)
+
+
+def still_set():
+    grid = hf.grid(STILL, {"x": (-2, 2)}, 21, {"x": "extrapolated"})
+    return hf.viability_kernel(STILL, WALL, grid, 1.0)
+
 
 CALLS = {
     "input_bounds=hf.Box((1,), (0,))": (
@@ -116,7 +119,7 @@ CALLS = {
         lambda: hf.Inequality("wall", sp.And(X < 1, X > -1)), "write an inequality for each part",
     ),
     "a law of a system that has no inputs": (
-        lambda: hf.check_promise(STILL, STILL_SET, WALL, law=hf.Law("home", STATES, {"u": -X})),
+        lambda: hf.check_promise(STILL, still_set(), WALL, law=hf.Law("home", STATES, {"u": -X})),
         "system 'still' has no inputs; expected no law",
     ),
     "the other relation": (lambda: hf.Inequality("wall", X > 1, "m"), "write 1 - x"),
@@ -187,9 +190,7 @@ def test_names_are_enough():
 def test_a_file_is_found_by_its_name_without_its_ending(here):
     assert "Mower" in holdfast("run", "mower", "--no-figures", "--out", "out", cwd=here).stdout
     assert tomllib.loads(said("show", "mower", status=0))["system"]["name"] == "mower"
-    assert "did you mean" in said("run", "mover", status=2) or "allowed" in said(
-        "run", "mover", status=2
-    )
+    assert said("run", "mover", status=2).startswith("holdfast: unknown scenario 'mover'; ")
 
 
 @pytest.mark.parametrize("name", ["x" * 300, "a/b", "\x01"])

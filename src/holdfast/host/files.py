@@ -471,6 +471,7 @@ def code_digest(room: str = ".") -> str:
     return digest
 
 
+@cache
 def _sources(room: str) -> list[Path]:
     return sorted((Path(str(resources.files("holdfast"))) / room).rglob("*.py"))
 

@@ -24,6 +24,7 @@ from holdfast.maths.definitions.quantity import (
     check_unique,
     frozen,
     merge_parameters,
+    numbers_text,
     symbol,
 )
 from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
@@ -416,9 +417,7 @@ class Law(Printed):
         if self.lookup is not None:
             places = ", ".join(short_text(e) for e in self.lookup.places)
             last.append(f"looks up a table at {places}")
-        if self.parameters:
-            numbers = ", ".join(f"{q.name} = {q.value:g} {q.unit}" for q in self.parameters)
-            last.append(f"parameters: {numbers}")
+        last += numbers_text(self.parameters)
         outputs = [f"{n} = {short_text(e)}" for n, e in self.outputs.items()]
         return f"Law '{self.name}' of {reads or 'nothing'}", outputs, last
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import keyword
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -302,6 +302,12 @@ def merge_parameters(*groups: Iterable[Parameter]) -> tuple[Parameter, ...]:
                     remedy="give both the same value or rename one",
                 )
     return tuple(merged.values())
+
+
+def numbers_text(parameters: Sequence[Parameter]) -> list[str]:
+    """A line with the numbers of all parameters, if there are any."""
+    numbers = ", ".join(f"{q.name} = {q.value:g} {q.unit}" for q in parameters)
+    return [f"parameters: {numbers}"] if parameters else []
 
 
 def frozen(expressions: Mapping[str, object]) -> Mapping[str, sp.Expr]:

@@ -25,6 +25,7 @@ from holdfast.maths.definitions.quantity import (
     check_symbols,
     check_unique,
     merge_parameters,
+    numbers_text,
 )
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.functions import greatest
@@ -138,11 +139,7 @@ class Region(Printed):
             f"{c.name}: {short_text(c.expression)} <= 0 {c.unit}" for c in self.inequalities
         ]
         reads = ", ".join(q.name for q in self.reads)
-        last = []
-        if self.parameters:
-            numbers = ", ".join(f"{q.name} = {q.value:g} {q.unit}" for q in self.parameters)
-            last.append(f"parameters: {numbers}")
-        return f"Region '{self.name}' of {reads}", conditions, last
+        return f"Region '{self.name}' of {reads}", conditions, numbers_text(self.parameters)
 
     def __post_init__(self) -> None:
         owner = f"region '{self.name}'"

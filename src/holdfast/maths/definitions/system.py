@@ -29,6 +29,7 @@ from holdfast.maths.definitions.quantity import (
     check_unique,
     frozen,
     merge_parameters,
+    numbers_text,
     symbol,
 )
 from holdfast.maths.definitions.switching import Switching, Transition
@@ -239,9 +240,7 @@ class System(Printed):
                                      ("disturbances", self.disturbances, self.disturbance_bounds))
             if of
         ]  # fmt: skip
-        if self.parameters:
-            numbers = ", ".join(f"{q.name} = {q.value:g} {q.unit}" for q in self.parameters)
-            last.append(f"parameters: {numbers}")
+        last += numbers_text(self.parameters)
         return f"System '{self.name}': {', '.join(counts)}", rates, last
 
     def __post_init__(self) -> None:

@@ -271,7 +271,7 @@ def by_names(e: sp.Basic) -> sp.Basic:
     """With the real symbol of its name in place of every other: a name is enough."""
     others = {
         s: real
-        for s in e.free_symbols
+        for s in symbols_of([e])
         if type(s) is sp.Symbol and s != (real := sp.Symbol(s.name, real=True))
     }
     return e.xreplace(others) if others else e

@@ -244,14 +244,13 @@ class Box(Bounds):
                 f"box has {len(self.lower)} lower and {len(self.upper)} upper bounds",
                 expected="as many of each",
             )
-        for place, (low, high) in enumerate(self.sides):
+        for place, (low, high) in enumerate(self._sides):
             if (high - low).is_negative:
                 which = f" at place {place} of 0 to {len(self.lower) - 1}" * (len(self.lower) > 1)
                 raise DefinitionError(f"box has the empty interval [{low}, {high}]{which}")
 
     @property
-    def sides(self) -> list[tuple[sp.Expr, sp.Expr]]:
-        """The lower and the upper end of each member."""
+    def _sides(self) -> list[tuple[sp.Expr, sp.Expr]]:
         return list(zip(self.lower, self.upper, strict=True))
 
     @property
@@ -267,7 +266,7 @@ class Box(Bounds):
         """Each component clipped: unbounded sides (oo) leave it alone."""
         check_count(values, self)
         result = []
-        for value, (low, high) in zip(values, self.sides, strict=True):
+        for value, (low, high) in zip(values, self._sides, strict=True):
             unbounded = low == -sp.oo and high == sp.oo
             result.append(value if unbounded else clip(value, low, high))
         return tuple(result)
@@ -279,7 +278,7 @@ class Box(Bounds):
     @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
         check_count(values, self)
-        for value, ends in zip(values, self.sides, strict=True):
+        for value, ends in zip(values, self._sides, strict=True):
             low, high = map(float, ends)
             more = slack * max((abs(e) for e in (low, high) if math.isfinite(e)), default=0.0)
             if not low - more <= value <= high + more:
@@ -300,28 +299,28 @@ class Box(Bounds):
 
     @property
     def _middle(self) -> list[sp.Expr]:
-        return [(a + b) / 2 for a, b in self.sides]
+        return [(a + b) / 2 for a, b in self._sides]
 
     def half_widths(self) -> list[sp.Expr]:
-        return [(b - a) / 2 for a, b in self.sides]
+        return [(b - a) / 2 for a, b in self._sides]
 
     def range_along(self, weights: Sequence[sp.Expr]) -> tuple[sp.Expr, sp.Expr]:
         ends = [
             (e * low, e * high)
-            for e, (low, high) in zip(weights, self.sides, strict=True)
+            for e, (low, high) in zip(weights, self._sides, strict=True)
             if e != 0
         ]
         return sp.Add(*(sp.Min(*p) for p in ends)), sp.Add(*(sp.Max(*p) for p in ends))
 
     def ranges(self) -> list[tuple[sp.Expr, sp.Expr]]:
-        return self.sides
+        return self._sides
 
     def ends(self) -> tuple[sp.Expr, ...]:
         return (*self.lower, *self.upper)
 
     def half_spaces(self) -> list[Row]:
         rows: list[Row] = []
-        for i, (low, high) in enumerate(self.sides):
+        for i, (low, high) in enumerate(self._sides):
             for side, limit in ((1, high), (-1, -low)):
                 if limit != sp.oo:
                     rows.append(
@@ -330,7 +329,7 @@ class Box(Bounds):
         return rows
 
     def corners(self) -> list[tuple[sp.Expr, ...]]:
-        return list(itertools.product(*self.sides))
+        return list(itertools.product(*self._sides))
 
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int) -> Reach:
         """A member whose weight changes its sign for no p within the spread does not switch."""
@@ -354,7 +353,7 @@ class Box(Bounds):
     def points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
         """`samples` along every side, with its ends."""
         shares = [sp.Rational(k, samples - 1) for k in range(samples)]
-        return list(itertools.product(*([a + (b - a) * s for s in shares] for a, b in self.sides)))
+        return list(itertools.product(*([a + (b - a) * s for s in shares] for a, b in self._sides)))
 
     def groups(self, members: Sequence[V]) -> list[Sequence[V]]:
         return [[m] for m in members]
@@ -364,7 +363,7 @@ class Box(Bounds):
         return Box(*sides)
 
     def moving(self, wave: Callable[[str], sp.Expr]) -> list[sp.Expr]:
-        return [(a + b) / 2 + (b - a) / 2 * wave("box") for a, b in self.sides]
+        return [(a + b) / 2 + (b - a) / 2 * wave("box") for a, b in self._sides]
 
     def within(self, other: Bounds) -> bool:
         if not isinstance(other, Box):
@@ -376,7 +375,7 @@ class Box(Bounds):
         return all((b - a).is_nonnegative for a, b in pairs)
 
     def text(self) -> str:
-        return " x ".join(f"[{float(a):g}, {float(b):g}]" for a, b in self.sides)
+        return " x ".join(f"[{float(a):g}, {float(b):g}]" for a, b in self._sides)
 
     def lines(self) -> Iterator[str]:
-        yield "box " + ", ".join(f"[{a}, {b}]" for a, b in self.sides)
+        yield "box " + ", ".join(f"[{a}, {b}]" for a, b in self._sides)
