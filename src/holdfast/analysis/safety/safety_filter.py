@@ -20,7 +20,14 @@ from holdfast.analysis.reachability.value_function import (
     steeper_than_its_start,
 )
 from holdfast.analysis.safety.depth import highest_within
-from holdfast.analysis.safety.sampled_value import LEVELS, patience_of, sampled_value
+from holdfast.analysis.safety.sampled_value import (
+    LEVELS,
+    moves_of,
+    on_its_grid,
+    patience_of,
+    points_of,
+    sampled_value,
+)
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
@@ -31,6 +38,7 @@ from holdfast.maths.control.value_filter import (
     keep_sampled_value,
     keep_value,
     optimal_law,
+    soonest_law,
 )
 from holdfast.maths.definitions.law import Law, Lookup
 from holdfast.maths.definitions.quantity import TIME
@@ -51,6 +59,9 @@ PACE = 2.0
 """The rate of a safety filter [1/s] where none is given and the hold bears it."""
 
 ROUNDING = 1e-9  # of a rate that is exactly the fastest
+
+NEVER = 2.0
+"""Horizons after which a state that does not arrive is said to arrive."""
 
 MANY = 100_000  # nodes near the boundary that a margin is computed from
 
@@ -75,7 +86,9 @@ def safety_law(
     (7.3), (7.7)). At a ridge of V these leave a kernel: where the game below is solved, and trial
     runs stay, a safety filter changes them as little as it would change a `law`, and p is the slope
     of W, or of V where W is cut off. It is for `sample_time` alone then; `ahead` false leaves it
-    out. The filter is the least change of inputs in `scales` that satisfies
+    out. Of a capture basin with times of arrival T they are instead those after which T is least,
+    so that the state arrives when `least_time` says; beside a jump of T it may arrive late. The
+    filter is the least change of inputs in `scales` that satisfies
 
         W(q after the sample) >= margin + (1 - rate sample_time) (W(q) - margin)
 
@@ -147,6 +160,10 @@ def kept_law(
             remedy="give a law: its safety filter has a margin",
         )
     kind = value.report.kind
+    points_are_known = model.inputs and model.input_bounds is not None and not model.samples
+    by_time = patience and points_are_known and "arrival" in value.dataset and not lookup.timed
+    if law is None and by_time:
+        return Kept(_soonest(model, value, lookup, sample_time))
     looks_ahead = patience and not lookup.timed and not (law is None and kind in REACHED)
     predicted = None
     if looks_ahead and delay and predicts:
@@ -208,6 +225,21 @@ def kept_law(
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay, late or None)
     return Kept(keep_value(model, law, lookup, rate=pace, margin=margin, scales=scales))
+
+
+def _soonest(model: System, value: ValueFunction, lookup: Lookup, sample_time: float) -> Law:
+    """The law of the least times. What does not arrive is as far away as two horizons."""
+    assert model.input_bounds is not None
+    latest = NEVER * value.report.horizon_s
+    arrival = np.ascontiguousarray(value.dataset["arrival"].values).ravel()
+    table = np.where(np.isfinite(arrival), -arrival, -latest).astype(arrival.dtype)
+    return soonest_law(
+        model,
+        on_its_grid(table, lookup, sample_time, unit="s", sloped=True),
+        points=points_of(model.input_bounds, len(model.inputs)),
+        disturbances=moves_of(model.disturbance_bounds, len(model.disturbances)),
+        latest=latest,
+    )
 
 
 def check_not_empty(value: ValueFunction) -> None:

@@ -132,8 +132,15 @@ class SampledValue:
 
     def lookup(self, of: Lookup, sample_time: float) -> SampledLookup:
         """The table of a law, on the grid of the kernel's own."""
-        table = (self.table, *of.table[1:])  # type: ignore[index]
-        return SampledLookup(of.places, table, unit=of.unit, hold=sample_time)
+        return on_its_grid(self.table, of, sample_time, unit=of.unit)
+
+
+def on_its_grid(
+    table: AnyArray, of: Lookup, sample_time: float, unit: str, sloped: bool = False
+) -> SampledLookup:
+    """A table of a law whose inputs are held, shape (nodes,), on the grid of another."""
+    numbers = (table, *of.table[1:])  # type: ignore[index]
+    return SampledLookup(of.places, numbers, unit=unit, hold=sample_time, sloped=sloped)
 
 
 def points_of(bounds: Bounds, dimension: int) -> Points:

@@ -35,6 +35,10 @@ ADVERSARY_AIM = symbol("adversary_aim")
 """A parameter of `against_the_worst`: 0 lowers the value, 1 lowers a margin."""
 
 
+NO_FLOOR = sp.Float(-1e30)
+"""Of a condition that asks for the best there is."""
+
+
 def _at_costates(
     h: Hamiltonian, table: Mapping[str, sp.Expr], slopes: Sequence[sp.Expr]
 ) -> dict[str, sp.Expr]:
@@ -54,6 +58,47 @@ def optimal_law(system: System, lookup: Lookup) -> Law:
         lookup=lookup,
         description="the inputs that raise the value the most",
         source="thesis (7.3), (7.7)",
+    )
+
+
+def soonest_law(
+    system: System,
+    lookup: SampledLookup,
+    *,
+    points: Sequence[Sequence[sp.Expr]],
+    disturbances: Sequence[Sequence[sp.Expr]],
+    latest: float,
+) -> Law:
+    """The inputs after which the time of arrival T is least, whatever the disturbance; W = -T.
+
+    They are those nearest to `optimal_law` after which T has fallen by the hold,
+
+        T(q after the sample) <= T(q) - hold   for each of the disturbances
+
+    or else those after which T is least (dynamic programming: R. Bellman, 1957). T is compared
+    where inputs lead, so that no slope across a jump of T counts. latest [s]: above all T.
+    """
+    motion = held_motion(system, sp.Float(lookup.hold), disturbances)
+    foresight = Foresight(
+        motion.expressions, motion.moves, motion.curved, tuple(map(tuple, points)),
+        level=lookup.value + lookup.hold, floor=NO_FLOOR, beyond=sp.Float(latest),
+    )  # fmt: skip
+    bounds = input_rows(system)
+    guard = Safeguard(
+        normals={name: tuple(n[i] for n, _ in bounds) for i, name in enumerate(system.input_names)},
+        offsets=tuple(b for _, b in bounds),
+        hard=len(bounds),
+        scales=input_scales(system, {}),
+        units=(lookup.unit,),
+        foresight=foresight,
+    )
+    return replace(
+        optimal_law(system, lookup),
+        name=f"least time of {system.name}",
+        signals={"time_to_go": -lookup.value},
+        safeguard=guard,
+        description="the inputs after which the time of arrival is least",
+        source="R. Bellman, Dynamic programming, 1957",
     )
 
 
