@@ -123,8 +123,12 @@ CALLS = {
         "system 'still' has no inputs; expected no law",
     ),
     "the other relation": (lambda: hf.Inequality("wall", X > 1, "m"), "write 1 - x"),
-    "a text as an inequality": (
-        lambda: hf.Inequality("wall", "x - 3", "m"), "hf.parse_expression('x - 3', names)",
+    "a relation in a text": (
+        lambda: hf.Inequality("wall", "abs(x) <= 3", "m"), "'abs(x) - 3'",
+    ),
+    "a bound that is no expression": (lambda: hf.Box(("-a",), ("a +",)), "'a +' is not an"),
+    "an end of a grid in another unit": (
+        lambda: hf.grid(line(), {"x": ("-3 kg", 3)}, 9), 'such as "1 m"',
     ),
     "a rate of a name that nobody declared": (
         lambda: hf.System("line", STATES, INPUTS, {"x": "u + w"}), "undeclared name 'w'",
@@ -190,6 +194,7 @@ def test_names_are_enough():
 def test_a_file_is_found_by_its_name_without_its_ending(here):
     assert "Mower" in holdfast("run", "mower", "--no-figures", "--out", "out", cwd=here).stdout
     assert tomllib.loads(said("show", "mower", status=0))["system"]["name"] == "mower"
+    assert "did you mean 'mower'?" in said("run", "mowr", status=2)
     assert said("run", "mover", status=2).startswith("holdfast: unknown scenario 'mover'; ")
 
 

@@ -3,8 +3,8 @@
 All public functions share this mechanism. A function itself refuses values that are out of range
 or inconsistent. A value of the wrong type makes it fail somewhere inside: its arguments are then
 compared with its annotations, and the first that does not fit is named. If all fit, the fault is a
-bug of holdfast. NaN is refused even where a function could ignore it. Text is never read as an
-expression.
+bug of holdfast. NaN is refused even where a function could ignore it. Text is read as an expression
+only by what says so (`Written`).
 """
 
 from __future__ import annotations
@@ -76,6 +76,9 @@ class Two:
 
     names: str
 
+
+Written = Annotated[sp.Expr, str]
+"""An expression, or its text in names of quantities: `expression_of`."""
 
 InItsUnit = Annotated[float, Unit("")]
 Seconds = Annotated[float, Unit("s")]
@@ -180,7 +183,7 @@ def hints_of(of: Any, *, extras: bool = False) -> dict[str, Any]:
 
 def _hints(function: Callable[..., Any], signature: inspect.Signature) -> dict[str, Any]:
     """The annotated type of every argument; *args are a list, **kwargs a table."""
-    annotated = hints_of(function)
+    annotated = hints_of(function, extras=True)
     annotated |= {n: ARRAY for n, raw in function.__annotations__.items() if raw == "npt.ArrayLike"}
     hints: dict[str, Any] = {"return": Any}
     for name, parameter in signature.parameters.items():
@@ -196,6 +199,7 @@ def _hints(function: Callable[..., Any], signature: inspect.Signature) -> dict[s
 
 def _is_number(hint: Any) -> bool:
     """Whether the annotation is a number, or a number or None."""
+    hint = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
     union = typing.get_origin(hint) in (typing.Union, types.UnionType)
     parts = typing.get_args(hint) if union else (hint,)
     return all(part in (float, int, type(None)) for part in parts)
@@ -206,6 +210,8 @@ def _takes_expressions(hint: Any) -> bool:
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType, tuple, Sequence):
         return any(map(_takes_expressions, inner))
+    if origin is Annotated:
+        return _takes_expressions(inner[0])
     return hint is sp.Expr
 
 
@@ -221,6 +227,9 @@ class _Unknown(dict[str, Any]):
 def _check(hint: Any) -> Check:
     """The check that belongs to an annotation."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        check = _check(inner[0])
+        return check if hint != Written else lambda v: None if isinstance(v, str) else check(v)
     if origin in (typing.Union, types.UnionType):
         return _either([_check(part) for part in inner])
     if origin is typing.Literal:

@@ -348,6 +348,8 @@ FINE = {
     ("compare", "cases", "none"),
     ("sweep", "executor", "none"),  # processes of its own
     ("export_c_table", "path", "text"),  # the name of a file, which would be written
+    ("Ball", "radius", "text"),  # the name of a parameter
+    ("PfaffianRow", "rhs", "text"),
 }
 """What is no nonsense, and takes long."""
 

@@ -56,6 +56,14 @@ def _is_beside(name: str) -> bool:
         return False
 
 
+def _beside() -> list[str]:
+    """The names of the TOML files of the folder."""
+    try:
+        return [f.stem for f in Path().glob("*.toml")]
+    except OSError:  # a folder that was deleted
+        return []
+
+
 def read_text(name: str) -> tuple[str, str]:
     """(name or path to show, text) of a shipped scenario or of a TOML file."""
     if name in scenario_names():
@@ -66,7 +74,7 @@ def read_text(name: str) -> tuple[str, str]:
     if not name.endswith(".toml"):
         raise ScenarioError(
             f"unknown scenario '{name}'",
-            remedy=suggestion(name, scenario_names()) + " (a file of your own ends in .toml)",
+            remedy=suggestion(name, [*scenario_names(), *_beside()]) + " (a file of your own ends in .toml)",
         )
     return name, read_small_text(name)
 

@@ -16,7 +16,7 @@ from holdfast.arguments import RangesOfStates, checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import ENDS
-from holdfast.maths.definitions.quantity import Quantity
+from holdfast.maths.definitions.quantity import Quantity, UnitError, to_si
 from holdfast.maths.definitions.system import System
 
 
@@ -137,6 +137,8 @@ def grid(
 ) -> Grid:
     """The grid over `box` (state -> (low, high)); `nodes` along every axis, or along each by name.
 
+    Ends are numbers in the unit of the state, or texts with another, such as "-180 deg".
+
     ends, the boundary conditions: state -> "contained" (the default: the region of a kernel has to
     lie within), "periodic" (the default of an angle over a whole turn), "extrapolated", "limited".
     An angle over part of a turn has no default.
@@ -176,6 +178,16 @@ def grid(
     return Grid(tuple(_axis(q, box, nodes, ends.get(q.name)) for q in system.states))
 
 
+def _end(value: object, unit: str) -> float | None:
+    """A number, or a text with its unit; None for anything else."""
+    if not isinstance(value, str):
+        return as_number(value)
+    try:
+        return to_si(value, unit)
+    except UnitError:
+        return None
+
+
 def _axis(
     q: Quantity,
     box: Mapping[str, tuple[float, float]],
@@ -188,10 +200,11 @@ def _axis(
     count = whole(f"nodes along '{q.name}': ", wanted, 2)
     interval = box[q.name]
     pair = isinstance(interval, (tuple, list, np.ndarray)) and len(interval) == 2
-    low, high = (as_number(v) for v in interval) if pair else (None, None)
+    low, high = (_end(v, q.unit) for v in interval) if pair else (None, None)
     if low is None or high is None:
         raise SimulationError(
-            f"the interval of '{q.name}' is {interval!r}", expected="two numbers, (low, high)"
+            f"the interval of '{q.name}' is {interval!r}",
+            expected=f'two numbers, (low, high), or texts with a unit such as "1 {q.unit}"',
         )
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise SimulationError(

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from holdfast.arguments import InItsUnit, checked
+from holdfast.arguments import InItsUnit, Written, checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.quantity import (
     TIME,
@@ -29,7 +29,7 @@ from holdfast.maths.definitions.quantity import (
 )
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.functions import greatest
-from holdfast.maths.expressions.traversal import canonical
+from holdfast.maths.expressions.parser import expression_of
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Inequality(Value):
     """expression <= 0, in the unit given. scale: how much of it, in that unit, counts as 1."""
 
     name: str
-    expression: sp.Expr
+    expression: Written
     unit: str = "1"
     description: str = ""
     scale: InItsUnit | None = None
@@ -104,7 +104,7 @@ class Inequality(Value):
                 expected="an expression that is at most 0 where it holds",
                 remedy=_remedy(self.expression),
             )
-        object.__setattr__(self, "expression", canonical(self.expression))
+        object.__setattr__(self, "expression", expression_of(self.expression))
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise DefinitionError(
                 f"inequality '{self.name}' has the scale {self.scale:g}",

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import Written, checked
 from holdfast.errors import DefinitionError, check_name
 from holdfast.maths.definitions.law import GainCondition, Law, Lookup
 from holdfast.maths.definitions.quantity import (
@@ -26,7 +26,7 @@ from holdfast.maths.definitions.quantity import (
     merge_parameters,
 )
 from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
-from holdfast.maths.expressions.traversal import canonical
+from holdfast.maths.expressions.parser import expression_of
 
 
 @checked
@@ -98,10 +98,10 @@ class Transition(Value):
 
     source: str
     target: str
-    when: sp.Expr
+    when: Written
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "when", canonical(self.when))
+        object.__setattr__(self, "when", expression_of(self.when))
 
 
 @checked

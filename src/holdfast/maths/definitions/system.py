@@ -17,7 +17,7 @@ from typing import Any
 import sympy as sp
 from sympy.integrals.quadrature import gauss_legendre
 
-from holdfast.arguments import checked
+from holdfast.arguments import Written, checked
 from holdfast.errors import DefinitionError, RenamedWarning
 from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product, section
 from holdfast.maths.definitions.law import Law
@@ -34,7 +34,8 @@ from holdfast.maths.definitions.quantity import (
 )
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.value import Printed, Value, short_text
-from holdfast.maths.expressions.traversal import canonical, derivatives
+from holdfast.maths.expressions.parser import expression_of
+from holdfast.maths.expressions.traversal import derivatives
 
 NODES = 16
 
@@ -90,13 +91,13 @@ class FlatOutput(Value):
     the origin. antiderivatives: quantities that these expressions name.
     """
 
-    first: sp.Expr
-    last: tuple[sp.Expr, ...]
+    first: Written
+    last: tuple[Written, ...]
     antiderivatives: tuple[Antiderivative, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "first", canonical(self.first))
-        object.__setattr__(self, "last", tuple(map(canonical, self.last)))
+        object.__setattr__(self, "first", expression_of(self.first))
+        object.__setattr__(self, "last", tuple(map(expression_of, self.last)))
         if not self.last:
             raise DefinitionError("a flat output has no last coordinate", expected="z1 and zn")
 
@@ -112,11 +113,11 @@ def _nodes() -> tuple[tuple[sp.Float, sp.Float], ...]:
 class Measurement(Quantity):
     """A quantity that is measured: an expression of states and parameters."""
 
-    expression: sp.Expr = sp.S.Zero
+    expression: Written = sp.S.Zero
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "expression", canonical(self.expression))
+        object.__setattr__(self, "expression", expression_of(self.expression))
 
 
 def by_measurements(system: System, law: Law | Switching) -> Law | Switching:
@@ -167,11 +168,11 @@ class PfaffianRow(Value):
     """
 
     coefficients: Mapping[str, sp.Expr]
-    rhs: sp.Expr = sp.S.Zero
+    rhs: Written = sp.S.Zero
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", frozen(self.coefficients))
-        object.__setattr__(self, "rhs", canonical(self.rhs))
+        object.__setattr__(self, "rhs", expression_of(self.rhs))
 
 
 def bounds_text(of: Sequence[Quantity], bounds: Bounds | None) -> str:

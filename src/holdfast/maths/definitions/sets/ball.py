@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import Written, checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.sets.base import (
     WITHIN,
@@ -34,7 +34,7 @@ SIDES, ALONG, MOST_DIMENSIONS = 32, 5, 3  # of a polygon and a polytope in a bal
 class Ball(Bounds):
     """|u| <= radius in the Euclidean norm; the radius is a number or an expression."""
 
-    radius: sp.Expr
+    radius: Written
     dimension: int
 
     def __post_init__(self) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import Written, checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.value import Value
 from holdfast.maths.expressions.functions import clip, greatest, magnitude, select, sgn
@@ -233,8 +233,8 @@ def section(bounds: Bounds | None, remaining: Sequence[bool]) -> Bounds | None:
 class Box(Bounds):
     """lower_i <= u_i <= upper_i; entries are numbers or expressions in parameters."""
 
-    lower: tuple[sp.Expr, ...]
-    upper: tuple[sp.Expr, ...]
+    lower: tuple[Written, ...]
+    upper: tuple[Written, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "lower", entries(self.lower, "lower bound"))
