@@ -200,7 +200,7 @@ def mistakes_are_explained() -> None:
     import holdfast as hf
     from holdfast.errors import HoldfastError
 
-    assert "mower.toml" in command("run", "mowr", status=2)
+    assert "did you mean 'mower'" in command("run", "mowr", status=2)
     for mistake, remedy in (
         (lambda: hf.Inequality("fence", "abs(y) <= 3", "m"), "'abs(y) - 3'"),
         (lambda: hf.SafetyFilter(mower(), lawn(), sample_tme=0.02), "sample_time"),

@@ -471,3 +471,13 @@ def test_filter_keeps_the_kernel_of_camera_and_lasers_on_a_coarse_grid():
     )  # fmt: skip
     assert tried.outcome == "confirmed"
     assert tried.tried_share == pytest.approx(1.0, abs=1e-9)
+
+
+def test_overrides_are_texts_or_a_table():
+    by_text = hf.load_scenario("ch2-unicycle", ["run.horizon=4", 'run.sample_time="20 ms"'])
+    by_key = hf.load_scenario("ch2-unicycle", {"run.horizon": 4, "run.sample_time": "20 ms"})
+    nested = hf.load_scenario("ch2-unicycle", {"run": {"horizon": 4, "sample_time": "20 ms"}})
+    assert by_key.settings == by_text.settings == nested.settings
+    assert by_key.settings["horizon"] == 4
+    with pytest.raises(ScenarioError, match=r'expected a list, such as \["run.horizon=4"\]'):
+        hf.load_scenario("ch2-unicycle", "run.horizon=4")

@@ -74,12 +74,13 @@ def read_text(name: str) -> tuple[str, str]:
     if not name.endswith(".toml"):
         raise ScenarioError(
             f"unknown scenario '{name}'",
-            remedy=suggestion(name, [*scenario_names(), *_beside()]) + " (a file of your own ends in .toml)",
+            remedy=suggestion(name, [*scenario_names(), *_beside()])
+            + " (a file of your own ends in .toml)",
         )
     return name, read_small_text(name)
 
 
-def read_tables(name: str, overrides: Iterable[str] = ()) -> tuple[str, str, dict[str, Any]]:
+def read_tables(name: str, overrides: Overrides = ()) -> tuple[str, str, dict[str, Any]]:
     """(name to show, text, tables) of a scenario, with `key=value` overrides applied.
 
     Paths in the tables are those from the folder of the file; those in overrides are the caller's.
@@ -94,11 +95,29 @@ def read_tables(name: str, overrides: Iterable[str] = ()) -> tuple[str, str, dic
     return shown, *overridden(text, data, overrides)
 
 
-def overridden(
-    text: str, data: dict[str, Any], overrides: Iterable[str]
-) -> tuple[str, dict[str, Any]]:
+Overrides = Iterable[str] | Mapping[str, Any]
+"""Texts "key=value", or a table of values by their keys."""
+
+
+def changes_of(overrides: Overrides) -> list[str]:
+    """The overrides as texts; `ScenarioError` for one text, of which they would be letters."""
+    if isinstance(overrides, str):
+        expected = f'a list, such as ["{overrides}"], or a table, such as {{"law.k1": 0.2}}'
+        raise ScenarioError(f"overrides is the text '{overrides}'", expected=expected)
+    if not isinstance(overrides, Mapping):
+        return list(overrides)
+    changes: list[str] = []
+    for key, value in overrides.items():
+        if isinstance(value, Mapping):
+            changes += [f"{key}.{change}" for change in changes_of(value)]
+        else:
+            changes.append(f"{key}={tomlkit.item(value).as_string()}")
+    return changes
+
+
+def overridden(text: str, data: dict[str, Any], overrides: Overrides) -> tuple[str, dict[str, Any]]:
     """Text and tables with `key=value` overrides; those given are not changed."""
-    changes = list(overrides)
+    changes = changes_of(overrides)
     if not changes:
         return text, data
     data = copy.deepcopy(data)

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, symbol
-from holdfast.scenario.files import read_tables
+from holdfast.scenario.files import Overrides, changes_of, read_tables
 from holdfast.scenario.kinds import kind_of
 from holdfast.scenario.kinds.base import Composed
 
@@ -107,9 +107,9 @@ def _parts(value: object) -> Sequence[object] | None:
 
 @checked
 def load_scenario(
-    name: str, overrides: Iterable[str] = (), runs: int | None = None, seed: int | None = None
+    name: str, overrides: Overrides = (), runs: int | None = None, seed: int | None = None
 ) -> Any:
-    """The scenario of that name or file, with `key=value` overrides.
+    """The scenario of that name or file, with overrides "key=value" or {"key": value}.
 
     A `Scenario` of closed loops, a `KernelScenario`, or what another kind composes; `run` gives its
     answer. `runs` sets how many starts are used: the given states first, then random ones; of a
@@ -118,7 +118,7 @@ def load_scenario(
     Raises `ScenarioError` naming the file, the key, what was got and what is allowed, and for the
     override of a number that nothing depends on.
     """
-    changes = list(overrides)
+    changes = changes_of(overrides)
 
     def compose(changes: Sequence[str]) -> list[Composed]:
         return [scenario_of(*read_tables(name, changes), runs, seed)]

@@ -21,7 +21,15 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.numeric import Expression, Values, constant
 from holdfast.scenario.build.kernel import depth_inside
-from holdfast.scenario.files import is_scenario, merged, read_tables, scenario_names, scenario_title
+from holdfast.scenario.files import (
+    Overrides,
+    changes_of,
+    is_scenario,
+    merged,
+    read_tables,
+    scenario_names,
+    scenario_title,
+)
 from holdfast.scenario.kernel_reference import NamedKernel, named_kernel
 from holdfast.scenario.kinds import STANDARD, kind_of
 from holdfast.scenario.kinds.closed_loop import Scenario, check_kernels, composed
@@ -142,7 +150,7 @@ def compare(
     laws: Sequence[str] | None = None,
     cases: Sequence[str] | None = None,
     *,
-    overrides: Iterable[str] = (),
+    overrides: Overrides = (),
     runs: int | None = None,
     seed: int | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -158,7 +166,7 @@ def compare(
 
     Raises `ScenarioError` for unknown names and for a law or a case that cannot be composed.
     """
-    changes = list(overrides)
+    changes = changes_of(overrides)
     shown, text, data = read_tables(name, changes)
     if kind_of(shown, data).name != STANDARD:
         raise ScenarioError(

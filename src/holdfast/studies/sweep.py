@@ -36,7 +36,13 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.resources import available_cores
 from holdfast.host.files import code_digest, make_folder, version_digest
 from holdfast.maths.definitions.quantity import split
-from holdfast.scenario.files import files_digest, overridden, read_tables
+from holdfast.scenario.files import (
+    Overrides,
+    changes_of,
+    files_digest,
+    overridden,
+    read_tables,
+)
 from holdfast.scenario.kinds.base import Composed
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import check_overrides, scenario_of
@@ -396,7 +402,7 @@ def sweep(
     latin: int | None = None,
     runs: int | None = None,
     seed: int | None = None,
-    overrides: Iterable[str] = (),
+    overrides: Overrides = (),
     show: str | None = None,
     folder: Path | None = None,
     workers: int | None = None,
@@ -425,7 +431,7 @@ def sweep(
     Raises `ScenarioError` for an invalid key or scenario and if all cells tried first are refused,
     `OutputError` for a folder that cannot be written and an unknown variable.
     """
-    overrides = tuple(overrides)
+    overrides = tuple(changes_of(overrides))
     shown, text, data = read_tables(scenario, overrides)
     loaded = scenario_of(shown, text, data, runs, seed)
     read = [read_over(entry, latin=latin is not None) for entry in over]

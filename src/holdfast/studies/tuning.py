@@ -38,7 +38,13 @@ from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.nonholonomic.chained_feedback import POLE
 from holdfast.scenario.build.closed_loop import composed_law, drawn_names
 from holdfast.scenario.build.composer import Composer, composed_system
-from holdfast.scenario.files import edited_text, overridden, read_tables
+from holdfast.scenario.files import (
+    Overrides,
+    changes_of,
+    edited_text,
+    overridden,
+    read_tables,
+)
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import check_overrides, scenario_of
 from holdfast.scenario.schema.closed_loop import ScenarioSpec
@@ -519,7 +525,7 @@ def tune(
     runs: int = STARTS,
     seed: int | None = None,
     case: str | None = None,
-    overrides: Iterable[str] = (),
+    overrides: Overrides = (),
     progress: Tell | None = None,
 ) -> Tuning:
     """Gains of a scenario's law that meet every condition at every corner, best for a cost.
@@ -544,7 +550,7 @@ def tune(
     scenario does not have, and, naming one condition with its value, limit, corner and
     consequence, if no gains in the ranges meet all conditions.
     """
-    changes = list(overrides)
+    changes = changes_of(overrides)
     _check(cost, margin, candidates, runs)
     tell = progress or (lambda what, share: None)
 
