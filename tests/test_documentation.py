@@ -65,6 +65,8 @@ def examples(page):
         re.S,
     )
     for code, output, paragraph in found:
+        if code.startswith("--8<--"):  # a program of a file, which has tests of its own
+            continue
         remarks = re.findall(r"^print\(.*\)\s+# ([^;\n]*)", code, re.M)
         yield code, output, " ".join([re.sub(r"\([^)]*\)", "", paragraph), *remarks])
 
@@ -463,8 +465,7 @@ def test_block_of_matlab_runs_in_octave(tmp_path):
     octave = shutil.which("octave-cli")
     if octave is None or subprocess.run([octave, "--eval", "pkg load netcdf"]).returncode:
         pytest.skip("there is no GNU Octave with its package netcdf")
-    (page,) = (p for p in DOCS if blocks(p, "matlab"))
-    (block,) = blocks(page, "matlab")
+    (block,) = blocks(ROOT / "docs/results.md", "matlab")
     hf.load_scenario("inspection", ["run.horizon=4"], runs=3).run().save(
         str(tmp_path / "result.nc")
     )

@@ -27,7 +27,8 @@ from holdfast.host.files import check_writable, make_folder
 def command(name: str, overrides: tuple[str, ...], out: Path | None) -> None:
     """Show the equations, the parameters with units and the source of NAME.
 
-    For a field, its known facts are shown too; for a scenario, its text.
+    For a field, its known facts are shown too; for a scenario, its text. For a word of the
+    glossary, such as "bicycle", what it is here.
     """
     from holdfast.studies.catalogue import describe
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import tomlkit
 
-from holdfast.errors import ScenarioError, suggestion
+from holdfast.errors import ScenarioError
 from holdfast.host.files import read_small_text
 from holdfast.maths.catalogue import fields, systems
 from holdfast.maths.definitions.extension import LAG, SLEW
@@ -25,6 +25,7 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.vehicle_file import PLAIN, vehicle_text
 from holdfast.maths.reference_fields.field import Field
 from holdfast.scenario.build.composer import Composer
+from holdfast.scenario.glossary import meant
 
 PATHS: dict[tuple[str, str], tuple[str, ...]] = {
     ("system", "vehicle"): (".toml",),
@@ -74,7 +75,7 @@ def read_text(name: str) -> tuple[str, str]:
     if not name.endswith(".toml"):
         raise ScenarioError(
             f"unknown scenario '{name}'",
-            remedy=suggestion(name, [*scenario_names(), *_beside()])
+            remedy=meant(name, [*scenario_names(), *_beside()])
             + " (a file of your own ends in .toml)",
         )
     return name, read_small_text(name)
@@ -182,7 +183,7 @@ def load_system(name: str, overrides: Iterable[str] = ()) -> System:
                 raise
             raise ScenarioError(
                 f"no system, scenario or file is called '{name}'",
-                remedy=suggestion(name, [*catalogue, *scenario_names()])
+                remedy=meant(name, [*catalogue, *scenario_names()])
                 + " (a file of your own ends in .toml)",
             ) from None
     table = data.get("system")

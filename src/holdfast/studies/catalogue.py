@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import Any
 
 from holdfast.errors import ScenarioError, suggestion
@@ -28,12 +29,34 @@ from holdfast.scenario.files import (
     read_text,
     scenario_names,
 )
+from holdfast.scenario.glossary import looked_up
 from holdfast.scenario.kinds.parts import PartsScenario
 from holdfast.scenario.load import load_scenario
 
 
-def catalogue_lines() -> Iterable[str]:
-    """One line for each entry, by kind."""
+def catalogue_lines(words: str = "") -> Iterable[str]:
+    """One line for each entry, by kind; of those alone that have the words, if there are some.
+
+    A word of the glossary gives its rows too, and the entries that these name. Raises
+    `ScenarioError` where no entry has the words.
+    """
+    rows = list(_entries())
+    if words:
+        terms = looked_up(words)
+        named = frozenset().union(*(term.names for term in terms))
+        rows = [r for r in rows if words.lower() in f"{r[1]} {r[2]}".lower() or r[1] in named]
+        rows += [("word", term.words[0], term.here) for term in terms]
+    if not rows:
+        raise ScenarioError(
+            f"no entry has the words '{words}'", remedy="holdfast list without words names all"
+        )
+    width = max(len(name) for _, name, _ in rows)
+    return [f"{kind:<9} {name:<{width}}  {text}" for kind, name, text in rows]
+
+
+@cache
+def _entries() -> tuple[tuple[str, str, str], ...]:
+    """Kind, name and description of every entry."""
     rows: list[tuple[str, str, str]] = []
     for kind, catalogue in CATALOGUES.items():
         for function in catalogue:
@@ -42,14 +65,14 @@ def catalogue_lines() -> Iterable[str]:
         rows.append(("vehicle", name, str(read_vehicle(name)[1]["title"])))
     for name in scenario_names():
         rows.append(("scenario", name, read_tables(name)[2]["scenario"]["title"]))
-    width = max(len(name) for _, name, _ in rows)
-    return [f"{kind:<9} {name:<{width}}  {text}" for kind, name, text in rows]
+    return tuple(rows)
 
 
 def describe(name: str, overrides: Sequence[str] = ()) -> str:
     """Everything about one entry; `overrides` are arguments of a system or field ("lam=2").
 
-    Raises `ScenarioError` for an unknown name, or overrides of an entry without parameters.
+    Of a word of the glossary, its rows. Raises `ScenarioError` for an unknown name, or overrides of
+    an entry without parameters.
     """
     load = {"system": load_system, "field": load_field}
     for kind, catalogue in CATALOGUES.items():
@@ -69,6 +92,8 @@ def describe(name: str, overrides: Sequence[str] = ()) -> str:
         if isinstance(loaded, PartsScenario):
             text = "\n".join([text, "", *(f"# {line}" for line in loaded.decomposition.lines())])
         return text
+    if rows := looked_up(name):
+        return "\n\n".join(f"{', '.join(row.words)}\n  {row.here}" for row in rows)
     entries = [f.__name__ for c in CATALOGUES.values() for f in c]
     raise ScenarioError(
         f"unknown name '{name}'",

@@ -13,7 +13,7 @@ from typing import Any
 import tomlkit
 
 from holdfast.analysis.identification.fit import Identified
-from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.host.files import make_folder, write_summary, write_text
 from holdfast.maths.catalogue import systems
 from holdfast.maths.control.unmodelled import PREFIX
@@ -30,6 +30,7 @@ from holdfast.scenario.files import (
     read_tables,
     scenario_names,
 )
+from holdfast.scenario.glossary import meant
 from holdfast.scenario.kinds.closed_loop import resting_places
 from holdfast.scenario.kinds.kernel import KernelResult
 from holdfast.scenario.load import load_scenario
@@ -80,7 +81,7 @@ def subject_of(name: str, overrides: Iterable[str] = ()) -> Subject:
         names = [*vehicle_names(), *catalogue, *scenario_names()]
         raise ScenarioError(
             f"no vehicle, system, scenario or file is called '{name}'",
-            remedy=suggestion(name, names),
+            remedy=meant(name, names),
         )
     tables = read_tables(name, changes)[2]
     table, header = tables.get("system"), tables.get("scenario", {})

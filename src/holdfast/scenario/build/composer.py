@@ -56,6 +56,7 @@ from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import FlatOutput, Measurement, PfaffianRow, System
 from holdfast.maths.expressions.parser import parse_condition, parse_formula
 from holdfast.maths.nonholonomic.structure import kinematic_system
+from holdfast.scenario.glossary import meant
 from holdfast.scenario.schema.closed_loop import (
     SHAPES,
     BoundedSpec,
@@ -92,7 +93,7 @@ def catalogue_entry(
     if not isinstance(name, str) or name not in by_name:
         raise ScenarioError(
             f"{file}: {key}.name: unknown name {name!r}",
-            remedy=suggestion(str(name), by_name),
+            remedy=meant(str(name), by_name),
         )
     function = by_name[name]
     with at(file, key):
