@@ -30,30 +30,32 @@ from holdfast.studies.progress import bar
 @click.option(
     "--sample-time",
     type=float,
-    help="For which inputs are held [default: the scenario's, else 0.1].",
+    help="Seconds for which an input is held [default: the scenario's, else 0.1].",
 )
 @click.option(
     "--box",
     multiple=True,
     metavar="NAME=LOW,HIGH",
-    help="The range of a state whose cells are tried: of a closed loop, whose own law is certified "
-    "(once for each state).",
+    help="The range of a state whose cells are tried, once for each state. SCENARIO is a closed "
+    "loop, and its own law is certified.",
 )
 @click.option(
     "--from",
     "start",
     multiple=True,
     metavar="NAME=LOW,HIGH",
-    help="The range of a state at the start: of a closed loop, of which all trajectories from that "
-    "box are followed (once for each state).",
+    help="The range of a state at the start, once for each state. SCENARIO is a closed loop, and "
+    "all its trajectories from this box are followed.",
 )
 @click.option(
-    "--to-goal", is_flag=True, help="With --from: that all of them end in the scenario's goal."
+    "--to-goal",
+    is_flag=True,
+    help="With --from: all trajectories must end in the scenario's goal.",
 )
 @click.option(
     "--horizon",
     type=float,
-    help="Seconds for which it is proved [default: the scenario's, else for ever].",
+    help="Seconds for which the region is kept [default: the scenario's, else for ever].",
 )
 @click.option(
     "--inputs", type=WHOLE, help="Values of each input to try [default: the scenario's, else 5]."
@@ -62,13 +64,13 @@ from holdfast.studies.progress import bar
     "--uncertain",
     multiple=True,
     metavar="NAME=LOW,HIGH",
-    help="A parameter that is any number in a range (repeatable).",
+    help="A parameter that may be any number in this range (repeatable).",
 )
 @click.option(
     "--error",
     multiple=True,
     metavar="NAME=SIZE",
-    help="By how much a state may be measured wrong (repeatable).",
+    help="The largest error of the measurement of a state (repeatable).",
 )
 @click.option(
     "--delay",
@@ -78,14 +80,14 @@ from holdfast.studies.progress import bar
 @click.option(
     "--halvings",
     type=WHOLE,
-    help="How often cells beside certified ones are halved along each state "
+    help="How many times cells beside certified cells are halved along each state "
     "[default: the scenario's, else 0].",
 )
 @click.option(
     "--enclosure",
     metavar="NAME",
-    help="What encloses the states on the way, such as zonotope, for holds that are a large part "
-    "of a period [default: the scenario's, else parallelepiped].",
+    help="The set that encloses the states between samples. zonotope is for holds that are a large "
+    "part of a period [default: the scenario's, else parallelepiped].",
 )
 @click.option("--refine", type=WHOLE, hidden=True)  # the former name of --halvings
 @click.option(
@@ -97,34 +99,38 @@ from holdfast.studies.progress import bar
 @click.option(
     "--margin",
     type=float,
-    help="With --kernel: the cells in which V is above it [default: 0].",
+    help="With --kernel: only the cells in which V is above this number are tried [default: 0].",
 )
 @click.option(
     "--outer",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="The result.nc of the scenario's set: cells outside which a state is lost, or is not "
-    "reached, for sure.",
+    help="The result.nc of the scenario's set. The answer is a set of cells outside which a state "
+    "is lost, or is not reached, for sure.",
 )
 @click.option(
     "--largest",
     metavar="NAME",
-    help="Bisect a number of the scenario, such as a current, or uncertain.NAME: how far a "
-    "parameter may be off.",
+    help="Find the largest value of a number of the scenario, such as a current, by bisection. "
+    "uncertain.NAME is the largest error of a parameter.",
 )
 @click.option(
     "--between",
     type=(float, float),
     metavar="LOW HIGH",
-    help="With --largest: the interval [default: from 0 to twice the value, then further].",
+    help="With --largest: the interval to search [default: from 0 to twice the value, then "
+    "further].",
 )
 @click.option(
-    "--tolerance", type=float, help="With --largest: of the limit [default: a hundredth of HIGH]."
+    "--tolerance",
+    type=float,
+    help="With --largest: the width of the final interval [default: a hundredth of HIGH].",
 )
 @click.option(
     "--share",
     type=float,
-    help="With --largest: of the cells in the region, 0 to 1 [default: one cell].",
+    help="With --largest: the share of the cells in the region that has to be certified, 0 to 1 "
+    "[default: one cell].",
 )
 @file_options
 def command(
@@ -155,15 +161,19 @@ def command(
 ) -> None:
     """Prove from which cells of SCENARIO's grid held inputs keep its region.
 
-    In a capture basin: from which they lead to its goal, in the region until then. Between samples
-    too, for every disturbance within its bounds, with every rounding counted. With --box SCENARIO
-    is a closed loop, and its own law is what keeps the region, or is refuted by a trajectory. With
-    --from it is a closed loop too, and all trajectories from that box keep the region: a reachable
-    tube, in flowpipe.holdfast. With --outer SCENARIO is any set on a grid, and what is proved is
-    which states are not of it. The file certificate.holdfast is checked by another program:
-    holdfast-check FILE. An interrupted run, but for --largest, --box, --from and --outer, resumes
-    when it is repeated. The exit status is 1 if no cell is certified, if --from is not proved, and
-    with --largest if the limit was not found.
+    The proof holds between samples too, for every disturbance within its bounds, with every
+    rounding counted. For a capture basin it proves from which cells inputs lead to the goal, inside
+    the region until then. The file certificate.holdfast is checked by another program:
+    holdfast-check FILE.
+
+    With --box SCENARIO is a closed loop. The proof is that its own law keeps the region, or a
+    trajectory refutes this. With --from SCENARIO is a closed loop too. The proof is that all
+    trajectories from that box keep the region: a reachable tube, in flowpipe.holdfast. With --outer
+    SCENARIO is any set on a grid. The proof says which states are surely not in it.
+
+    An interrupted run resumes when it is repeated, except with --largest, --box, --from and
+    --outer. The exit status is 1 if no cell is certified, if --from is not proved, and with
+    --largest if the limit was not found.
     """
     if refine is not None:
         if halvings is not None:

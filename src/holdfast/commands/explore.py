@@ -22,7 +22,7 @@ from holdfast.host.files import atomic_file, check_writable, make_folder
     "overrides",
     multiple=True,
     metavar="KEY=VALUE",
-    help="A value of the scenario that is replaced, such as law.k1=0.3 (repeatable).",
+    help="Override a value, such as law.k1=0.3 (repeatable).",
 )
 @click.option("--open", "shown", is_flag=True, help="Open the page in the browser.")
 def command(scenario: str, out: Path | None, overrides: tuple[str, ...], shown: bool) -> None:

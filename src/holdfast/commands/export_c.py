@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 @click.option(
     "--table",
     type=click.Choice(["text", "file"]),
-    help="Where the table of a kernel is [default: in the text up to 65,536 numbers].",
+    help="Where the table of a kernel is written [default: in the text up to 65,536 numbers, "
+    "otherwise in a file].",
 )
 def command(
     scenario: str,

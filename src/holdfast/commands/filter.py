@@ -43,24 +43,24 @@ TICK = 0.1
     type=float,
     default=0.25,
     show_default=True,
-    help="How old a state or a command may be, in seconds.",
+    help="Largest age of a state or a command, in seconds.",
 )
 @click.option(
     "--log",
     type=click.Path(path_type=Path, dir_okay=False),
     help="Append every decision to this file, one line each.",
 )
-@click.option("--ros2", is_flag=True, help="As a node of ROS 2, with rmw_zenoh.")
+@click.option("--ros2", is_flag=True, help="Run as a node of ROS 2, with rmw_zenoh.")
 @click.option(
     "--router",
-    help="Where the router of ROS 2 is, with --ros2 [default: tcp/localhost:7447].",
+    help="With --ros2: the address of the router [default: tcp/localhost:7447].",
 )
-@click.option("--namespace", help="Of the node, with --ros2 [default: /].")
+@click.option("--namespace", help="With --ros2: the namespace of the node [default: /].")
 @click.option(
     "--mavlink",
     nargs=2,
     metavar="CONTROLLER VEHICLE",
-    help="As a MAVLink component between two connections, such as udpin:127.0.0.1:14550 "
+    help="Run as a MAVLink component between two connections, such as udpin:127.0.0.1:14550 "
     "udpin:127.0.0.1:14560.",
 )
 def command(
@@ -73,14 +73,15 @@ def command(
     namespace: str | None,
     mavlink: tuple[str, str] | None,
 ) -> None:
-    """Keep the commands of another controller inside what SCENARIO keeps.
+    """Filter the commands of another controller by the safety filter of SCENARIO.
 
-    The scenario has [law] external = true and a [safeguard] or [safety]. Standard input is one line
-    of JSON for every sample, {"state": {...}, "command": {...}}, by name; "t" in seconds and the
-    "disturbance" are optional. Every line is answered at once with a decision on standard output:
-    its "input" is what the vehicle is to be given.
+    The scenario has [law] external = true and a [safeguard] or [safety]. Standard input has one
+    line of JSON for every sample, {"state": {...}, "command": {...}}, with values by name; "t" in
+    seconds and the "disturbance" are optional. Every line is answered at once with a decision on
+    standard output: its "input" is the input for the vehicle.
 
-    A first line that is no sample ends the command; a later one is answered with the fallback.
+    If the first line is no sample, the command ends; a later line that is no sample is answered
+    with the fallback.
 
     With --ros2 or --mavlink samples and answers are messages, until Ctrl-C or SIGTERM, which are
     then the ordinary end. The decisions are on standard output all the same: holdfast monitor reads

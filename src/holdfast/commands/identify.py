@@ -45,7 +45,9 @@ from holdfast.studies.progress import bar
     help='What a signal measures if it is not the state of its name, such as "u=u + Vx*cos(psi) + '
     'Vy*sin(psi)" for a speed over ground (repeatable).',
 )
-@click.option("--estimate", multiple=True, metavar="NAME", help="Parameters to estimate [all].")
+@click.option(
+    "--estimate", multiple=True, metavar="NAME", help="Parameters to estimate [default: all]."
+)
 @click.option("--hold", multiple=True, metavar="NAME", help="Parameters that keep their numbers.")
 @click.option(
     "--unexplained",
@@ -54,20 +56,24 @@ from holdfast.studies.progress import bar
     help="States whose rates may have an unexplained part [default: those with inputs or "
     "parameters].",
 )
-@click.option("--level", type=float, default=0.95, show_default=True, help="Of the intervals.")
+@click.option(
+    "--level", type=float, default=0.95, show_default=True, help="Confidence of the intervals."
+)
 @click.option("--window", type=float, help="Seconds of a window [default: from the model].")
-@click.option("--gap", type=float, help="Seconds without a value that split the log [5 periods].")
+@click.option(
+    "--gap", type=float, help="Seconds without a value that split the log [default: 5 periods]."
+)
 @click.option(
     "--widen",
     type=float,
     default=1.5,
     show_default=True,
-    help="Factor on the box of what the windows of the log needed.",
+    help="Factor on the box of the additional rates that the windows of the log need.",
 )
 @click.option(
     "--no-margins",
     is_flag=True,
-    help="Without `holdfast margin` of the scenario, before and after.",
+    help="Leave out the answers of `holdfast margin` before and after.",
 )
 @click.option("--runs", type=WHOLE, help="Starts of a scenario of closed loops.")
 @click.option("--seed", type=WHOLE, help="Seed of its random numbers.")
@@ -95,10 +101,11 @@ def command(
 ) -> None:
     """Estimate the parameters of a vehicle from LOG: CSV, an MCAP file, or a ROS 2 bag.
 
-    Each number has an interval; what the log does not show is held, with the manoeuvre that would
-    show it. What the model leaves unexplained is a bound on additional rates. The files are
-    identification.json and its page, vehicle.toml, and of a scenario identified.toml, which has the
-    bound, and what it answers. The exit status is 1 if the second log is not within the bound.
+    Each estimated number has an interval. A number that the log does not show keeps its value, and
+    the report names the manoeuvre that would show it. The motion that the model leaves unexplained
+    becomes a bound on additional rates. The files are identification.json and its page,
+    vehicle.toml, and for a scenario identified.toml, which has the bound, and the results of the
+    scenario with it. The exit status is 1 if the second log is not within the bound.
     """
     from holdfast.analysis.identification.identify import identify
     from holdfast.interop.logs.read import read_log

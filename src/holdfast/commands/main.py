@@ -50,9 +50,9 @@ class Commands(click.Group):
 def cli(debug: bool, fetch: bool) -> None:
     """Viability control of nonholonomic systems.
 
-    Exit status: 0 answered, 1 not (a run diverged, chattered or left
-    its grid, a promise fell short, no limit was found), 2 bad input,
-    130 interrupted, 143 terminated.
+    Exit status: 0 the question was answered, 1 it was not (a run
+    diverged, chattered or left its grid, a promise fell short, no limit
+    was found), 2 bad input, 130 interrupted, 143 terminated.
     """
 
 

@@ -53,11 +53,11 @@ def command(
 ) -> None:
     """Find the largest disturbance for which the kernel of SCENARIO is not empty.
 
-    With --keep: for which it contains these states. The kernel is that of the horizon of the
+    With --keep the kernel must also contain these states. The kernel is that of the horizon of the
     scenario, or with march.forever = true the infinite-horizon kernel.
 
-    Of closed loops: where the vehicle can rest in its region in the disturbance of the scenario,
-    and how far inside.
+    For a scenario of closed loops the answer is the place at which the vehicle can rest in its
+    region, in the disturbance of the scenario, and how far inside this place is.
     """
     asks = of == STANDARD and between is None and tolerance is None and not keep
     if asks and _closed_loops(scenario, overrides):

@@ -32,7 +32,8 @@ from holdfast.studies.progress import bar
     "--no-explorers",
     "bare",
     is_flag=True,
-    help="Leave out the pages in which the trials run: 60 of 39 MiB, a minute and a half.",
+    help="Leave out the pages in which the trials run. (They are 60, have 39 MiB and take a minute "
+    "and a half.)",
 )
 def command(
     chapters: tuple[int, ...], quick: bool, workers: int | None, out: Path, bare: bool

@@ -34,15 +34,15 @@ DEVICES = ("cpu", "gpu", "c++")
 @click.option(
     "--controller",
     metavar="COMMAND",
-    help="Your controller, a program that is told the states and answers with commands, line by "
-    "line (JSON); for a [law] with external = true.",
+    help="Your controller: a program that reads states and answers with commands, line by line "
+    "(JSON); for a [law] with external = true.",
 )
 @click.option(
     "--device",
     type=click.Choice(DEVICES),
     default="cpu",
-    help="Where marches and simulations run: the processor, a GPU by way of CuPy, or the GPU's "
-    "kernels compiled by the C++ compiler, to check them.",
+    help="Where marches and simulations run: on the processor, on a GPU by way of CuPy, or, to "
+    "check the GPU's code, compiled by the C++ compiler.",
 )
 def command(
     scenario: str,

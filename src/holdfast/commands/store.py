@@ -24,11 +24,11 @@ def command() -> None:
 
 @command.command("add")
 @click.argument("file")
-@click.option("--name", help="Its name [default: that of the file].")
-@click.option("--licence", default="", help="Text for those who use it.")
-@click.option("--citation", default="", help="Text for those who use it.")
+@click.option("--name", help="Name of the kernel in the store [default: that of the file].")
+@click.option("--licence", default="", help="Text of the licence, for users of the kernel.")
+@click.option("--citation", default="", help="Text of the citation, for users of the kernel.")
 def add(file: str, name: str | None, licence: str, citation: str) -> None:
-    """Keep FILE, or what FOLDER#NAME or https://...#NAME stands for."""
+    """Put FILE into the store, or the kernel FOLDER#NAME or https://...#NAME."""
     from holdfast.analysis.decomposition.parts_value import PartsValue
     from holdfast.analysis.kernel_store import Store, entry_of, found
     from holdfast.analysis.load import load
@@ -80,7 +80,7 @@ def show(name: str) -> None:
 def verify(names: tuple[str, ...]) -> None:
     """Read the files of NAMES, or of all, and compare their digests.
 
-    Without NAMES, files that no name has are told too.
+    Without NAMES, files without a name are listed too.
     """
     from holdfast.analysis.kernel_store import Store
 

@@ -18,7 +18,7 @@ from holdfast.studies.progress import bar
     default="time",
     show_default=True,
     metavar="COST",
-    help="What the gains are best for: time, effort or clearance.",
+    help="What the gains are chosen for: least time, least effort or largest clearance.",
 )
 @click.option(
     "--gain",
@@ -36,7 +36,11 @@ from holdfast.studies.progress import bar
     help="Relative distance that every condition keeps from its limit.",
 )
 @click.option(
-    "--candidates", type=WHOLE, default=200, show_default=True, help="How many to simulate, about."
+    "--candidates",
+    type=WHOLE,
+    default=200,
+    show_default=True,
+    help="Approximate number of simulated candidates.",
 )
 @click.option("--case", metavar="CASE", help="A case of the scenario's [compare] to tune in.")
 @simulation_options
@@ -53,11 +57,11 @@ def command(
     seed: int | None,
     no_figures: bool,
 ) -> None:
-    """Find gains that meet every condition of the law of SCENARIO, best for a cost.
+    """Find gains that meet every condition of the law of SCENARIO, with the least cost.
 
-    The conditions hold at every corner of what varies; the cost is measured in closed loop. The
-    files are tuned.toml (the scenario with its gains), tuning.csv, tuning.json and tuning.png. If
-    no gains meet all conditions, the message names one that they cannot meet.
+    The conditions hold at every corner of the varied numbers; the cost is measured in closed loop.
+    The files are tuned.toml (the scenario with its gains), tuning.csv, tuning.json and tuning.png.
+    If no gains meet all conditions, the message names one that they cannot meet.
     """
     from holdfast.presentation.studies.tuning import tuning_text
     from holdfast.scenario.files import scenario_title
