@@ -8,9 +8,10 @@ A panel has the curves of one unit, with limits and thresholds.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -18,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from holdfast.analysis.simulation.files import NamedArrays
@@ -25,7 +27,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.execution.arrays import Array
-from holdfast.execution.simulation.settings import SafeguardAnswer
+from holdfast.execution.simulation.settings import Outcome, SafeguardAnswer
 from holdfast.presentation.figures import style
 
 
@@ -168,6 +170,8 @@ MARKS = {
 def histories_figure(result: Result, run: int = 0) -> Figure:
     """States by unit, actuators (or inputs), constraints by unit and signals of one run.
 
+    The title says which run it is, how it ended, and the start. run: its number, from 0.
+
     Raises `OutputError` for an unknown run.
     """
     data = result.arrays
@@ -196,6 +200,7 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
             if panel.fed and answers is not None:
                 marks = _mark(axis, time, answers)
             axis.set_xlim(time[0], end)
+        figure.suptitle(told(result, run), fontsize=9)
         for axis in flat[len(shown) :]:
             axis.set_visible(False)
         for column in axes.T:
@@ -210,10 +215,30 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
                 handles=[*modes, *marks],
                 loc="outside lower center",
                 ncols=min(6, len(modes) + len(marks)),
+                handlelength=3.2,
                 title=", ".join(titles),
                 title_fontsize=7,
             )
     return figure
+
+
+TITLE_WIDTH, TITLE_LINES = 110, 2
+"""Letters in a line of the title, and lines for the start."""
+
+
+def told(result: Result, run: int) -> str:
+    """Which run it is, how it ended, and its start."""
+    data = result.arrays
+    names, units = ([str(v) for v in data[f"state_{what}"].values] for what in ("name", "unit"))
+    first = data["state"].values[run, 0]
+    parts = [style.numbers([one]) for one in zip(names, first.tolist(), units, strict=True)]
+    count, outcome = data.sizes["run"], Outcome(int(data["outcome"].values[run]))
+    lines = [f"run {run} of {count}: {outcome.label}" if count > 1 else outcome.label]
+    room = TITLE_WIDTH * TITLE_LINES
+    shown = list(takewhile(lambda k: len(", ".join(parts[:k])) <= room, range(1, len(parts) + 1)))
+    left = len(parts) - len(shown)
+    start = "from " + ", ".join(parts[: len(shown)]) + (f" and {left} more states" if left else "")
+    return "\n".join([*lines, *textwrap.wrap(start, TITLE_WIDTH)])
 
 
 def _draw(axis: Axes, panel: Panel, time: Array) -> None:
@@ -316,21 +341,32 @@ def _settled(time: Array, states: Array) -> float:
     return float(min(time[-1], 1.4 * time[last[-1]] + time[1])) if last.size else float(time[-1])
 
 
-def _shade(axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: object) -> list[Patch]:
+def _shade(
+    axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: object
+) -> list[Line2D]:
     meanings = str(data["mode"].attrs["flag_meanings"]).split()  # type: ignore[index]
     if len(meanings) == 1:
         return []
     edges = [0, *(np.flatnonzero(np.diff(mode)) + 1), len(mode) - 1]
     for a, b in pairwise(edges):
         if mode[a] >= 0:
-            colour = style.MODES[int(mode[a]) % len(style.MODES)]
+            look = _mode_look(int(mode[a]))
             for axis in axes:
-                axis.axvspan(time[a], time[b], color=colour, alpha=0.10, linewidth=0)
+                axis.axvspan(time[a], time[b], color=look["color"], alpha=0.10, linewidth=0)
+                axis.plot(
+                    time[[a, b]], [1.0, 1.0], transform=axis.get_xaxis_transform(),
+                    label="_mode", **look,
+                )  # fmt: skip
     return [
-        Patch(
-            color=style.MODES[int(m) % len(style.MODES)],
-            alpha=0.25,
-            label=meanings[m].replace("_", " "),
-        )
+        Line2D([], [], label=meanings[m].replace("_", " "), **_mode_look(int(m)))
         for m in np.unique(mode[mode >= 0])
     ]
+
+
+def _mode_look(mode: int) -> dict[str, Any]:
+    """The line over the panels while the mode is on; its shade has the same colour."""
+    colour = style.MODES[mode % len(style.MODES)]
+    return {
+        "color": colour, "linestyle": style.dashes(mode), "linewidth": 2.5,
+        "dash_capstyle": "butt", "solid_capstyle": "butt",
+    }  # fmt: skip

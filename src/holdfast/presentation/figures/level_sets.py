@@ -223,8 +223,8 @@ def add_bar(axis: Axes, filled: ContourSet, label: str) -> None:
     axis.figure.colorbar(filled, cax=place, label=label)
 
 
-def add_legend(figure: Figure, handles: list[Artist]) -> None:
-    """One legend below, every label once, in as many columns as fit."""
+def add_legend(figure: Figure, handles: list[Artist], note: str = "") -> None:
+    """One legend below, every label once, in as many columns as fit; a note above it."""
     once = {str(h.get_label()): h for h in handles}
     if not once:
         return
@@ -237,4 +237,6 @@ def add_legend(figure: Figure, handles: list[Artist]) -> None:
         ncols=-(-len(once) // rows),
         handlelength=2.2,
         columnspacing=1.4,
+        title=note or None,
+        title_fontsize=7,
     )

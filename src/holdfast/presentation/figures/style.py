@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,19 @@ OUTCOMES: dict[Outcome, str] = dict(
 )
 """The colour of every outcome, in every figure: stayed, reached goal, left, diverged, chattered."""
 
+DASHES: tuple[tuple[float, ...], ...] = (
+    (), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (3, 1.2, 1, 1.2, 1, 1.2), (2, 3),
+)  # fmt: skip
+"""Dashes and gaps in widths of their line, so that lines differ without colours too."""
+
+OUTCOME_DASHES: dict[Outcome, tuple[float, ...]] = dict(
+    zip(Outcome, (DASHES[4], DASHES[0], DASHES[1], DASHES[2], DASHES[3], *DASHES[5:]), strict=False)
+)
+"""The dashes of every outcome, in every figure."""
+
+LIMIT = "#6b6258"
+"""The zero level of a constraint."""
+
 OVERRULED, INFEASIBLE = ORANGE, BLACK
 """Marks of samples at which a safety filter intervened, or found no admissible input."""
 
@@ -64,11 +77,22 @@ _SETTINGS: Any = {
     "figure.autolayout": False,
     "figure.constrained_layout.use": False,
     "figure.dpi": 100,
+    "hatch.linewidth": 0.5,
     "savefig.dpi": 200,
     "svg.fonttype": "none",
     "svg.hashsalt": "holdfast",
     "mathtext.fontset": "dejavusans",
 }
+
+
+def dashes(number: int) -> Any:
+    """The dashes of the line of that number, for Matplotlib."""
+    return dashed(DASHES[number % len(DASHES)])
+
+
+def dashed(pattern: Sequence[float]) -> Any:
+    """Dashes and gaps, as Matplotlib takes them."""
+    return (0, tuple(pattern)) if pattern else "-"
 
 
 @contextmanager
@@ -125,6 +149,15 @@ def label(symbol: str) -> str:
 def axis_label(symbol: str, unit: str) -> str:
     """The name with its unit, if it has one."""
     return label(symbol) if unit == "1" else f"{label(symbol)} [{unit}]"
+
+
+def numbers(named: Iterable[tuple[str, float, str]]) -> str:
+    """Names, values and units as text: x = 2 m, psi = 0.3 rad."""
+    return ", ".join(
+        f"{label(name)} = {value if abs(value) > 1e-12 else 0.0:.3g}"
+        + ("" if unit == "1" else f" {unit}")
+        for name, value, unit in named
+    )
 
 
 FIXED: Mapping[str, dict[str, Any]] = {
