@@ -39,9 +39,9 @@ def bodies(system: System, plane: Sequence[str] = ("x", "y")) -> tuple[Footprint
     Axles and drawbars are those of the model. What it does not say is a sketch: the width, and how
     long a body is around its axle.
     """
-    if not set(plane) <= set(system.state_names):
-        return ()
     angles = [q.symbol for q in system.states if q.angle]
+    if len(angles) < 2 or not set(plane) <= set(system.state_names):
+        return ()
     axles = {theta: at for theta in angles if (at := offsets(system, theta, plane)) is not None}
     if len(axles) < 2:
         return ()

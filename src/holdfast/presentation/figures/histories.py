@@ -8,10 +8,9 @@ A panel has the curves of one unit, with limits and thresholds.
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise, takewhile
+from itertools import pairwise
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -233,19 +232,22 @@ def told(result: Result, run: int) -> str:
     first = data["state"].values[run, 0]
     parts = [style.numbers([one]) for one in zip(names, first.tolist(), units, strict=True)]
     count, outcome = data.sizes["run"], Outcome(int(data["outcome"].values[run]))
-    lines = [f"run {run} of {count}: {outcome.label}" if count > 1 else outcome.label]
-    room = TITLE_WIDTH * TITLE_LINES
-    shown = list(takewhile(lambda k: len(", ".join(parts[:k])) <= room, range(1, len(parts) + 1)))
-    left = len(parts) - len(shown)
-    start = "from " + ", ".join(parts[: len(shown)]) + (f" and {left} more states" if left else "")
-    return "\n".join([*lines, *textwrap.wrap(start, TITLE_WIDTH)])
+    said = f"run {run} of {count}: {outcome.label}" if count > 1 else outcome.label
+    rows: list[list[str]] = [[]]
+    for part in parts:  # not broken within: it may be a formula
+        if rows[-1] and len(", ".join([*rows[-1], part])) > TITLE_WIDTH:
+            rows.append([])
+        rows[-1].append(part)
+    left = sum(map(len, rows[TITLE_LINES:]))
+    start = ",\n".join(", ".join(row) for row in rows[:TITLE_LINES])
+    return f"{said}\nfrom {start}" + (f" and {left} more states" if left else "")
 
 
 def _draw(axis: Axes, panel: Panel, time: Array) -> None:
     for i, name in enumerate(panel.names):
         look: dict[str, Any] = {
             "color": style.LINES[i % len(style.LINES)],
-            "linestyle": ("-", "--", "-.", ":")[i % 4],
+            "linestyle": style.dashes(i),
         }
         axis.plot(time, panel.values[:, i], label=name, **look)
         if panel.nominal is not None:

@@ -28,7 +28,6 @@ from holdfast.maths.definitions.region import Cone, Footprint, Segment
 from holdfast.maths.expressions.numeric import Values, evaluated, parameter_values
 from holdfast.maths.nonholonomic.bodies import bodies
 from holdfast.presentation.figures import style
-from holdfast.presentation.figures.level_sets import add_legend
 from holdfast.presentation.figures.style import draw_fixed, seen_from
 from holdfast.presentation.figures.zero_levels import PlaneLevels, draw_lines
 
@@ -161,7 +160,7 @@ def paths_figure(
             axis.set_ylim(frame.y)
             axis.set_xlabel(style.axis_label(plane[0], str(units[0])))
         entries = [h for axis in panels for h in axis.get_legend_handles_labels()[0]]
-        add_legend(figure, [*entries, *legend], levels.note(lines))
+        style.add_legend(figure, [*entries, *legend], levels.note(lines))
         panels[0].set_ylabel(style.axis_label(plane[1], str(units[1])))
     return figure
 

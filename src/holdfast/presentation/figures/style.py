@@ -192,6 +192,25 @@ def labelled(axis: Axes) -> list[Artist]:
     ]
 
 
+def add_legend(figure: Figure, handles: list[Artist], note: str = "") -> None:
+    """One legend below, every label once, in as many columns as fit; a note above it."""
+    once = {str(h.get_label()): h for h in handles}
+    if not once:
+        return
+    widest = 0.6 + 0.055 * max(len(label) for label in once)  # inches
+    most = max(1, int(figure.get_size_inches()[0] / widest))
+    rows = -(-len(once) // most)
+    figure.legend(
+        handles=list(once.values()),
+        loc="outside lower center",
+        ncols=-(-len(once) // rows),
+        handlelength=2.2,
+        columnspacing=1.4,
+        title=note or None,
+        title_fontsize=7,
+    )
+
+
 def seen_from(x: float, y: float, heading: float, corners: Any) -> Any:
     """The corners (ahead, left), shape (n, 2), of a view from a pose, in the plane."""
     ahead = np.array([np.cos(heading), np.sin(heading)])

@@ -215,7 +215,7 @@ def _line(
     axis.set_xlabel(style.axis_label(state.name, state.state.unit))
     axis.set_ylabel(_value_label(value))
     figure.suptitle(_title(value, view.held), fontsize=9)
-    level_sets.add_legend(figure, axis.get_legend_handles_labels()[0])
+    style.add_legend(figure, axis.get_legend_handles_labels()[0])
     return figure
 
 
@@ -251,7 +251,7 @@ def _plane(
     level_sets.set_up(axis, flat, plane)
     figure.suptitle(_title(value, view.held), fontsize=9)
     entries = level_sets.entries(flat, alone, others)
-    level_sets.add_legend(figure, entries + labelled(axis))
+    style.add_legend(figure, entries + labelled(axis))
     return figure
 
 
@@ -302,7 +302,7 @@ def _slices(
         axis.set_visible(False)
     figure.suptitle(_title(value, view.held), fontsize=9)
     entries = level_sets.entries(value, level_sets.in_set(label), others)
-    level_sets.add_legend(figure, entries + labelled(panels[0]))
+    style.add_legend(figure, entries + labelled(panels[0]))
     return figure
 
 
@@ -461,7 +461,7 @@ def optimal_input_figure(
             ),
         ]  # fmt: skip
         handles += level_sets.entries(flat, handles[2], others)
-        level_sets.add_legend(figure, handles + labelled(panels[0, 0]))
+        style.add_legend(figure, handles + labelled(panels[0, 0]))
     return figure
 
 

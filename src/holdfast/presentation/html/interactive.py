@@ -37,8 +37,6 @@ SQUAT = 0.6
 INK = style.BLACK
 """A line of this colour takes that of the text, in the dark theme too."""
 
-DASHES = ("solid", "dash", "dashdot", "dot")
-
 
 def set_data(value: ValueFunction) -> dict[str, Any] | None:
     """The surface of a set of three states at its last time as a Plotly figure; None for others."""
@@ -125,7 +123,7 @@ def robots_data(result: Result, ground: Ground, run: int = 0) -> dict[str, Any]:
         line = {
             "width": 2,
             "color": style.LINES[number % len(style.LINES)],
-            "dash": DASHES[number % len(DASHES)],
+            "dash": plotly_dash(style.DASHES[number % len(style.DASHES)], 2),
         }
         traces.append(_path(name, path, result.arrays["time"].values[:count], frame, name, line))
     goal = {"mode": "markers", "marker": {"symbol": "star", "size": 12, "color": style.PURPLE}}
