@@ -86,9 +86,9 @@ def test_what_has_no_line_is_named_with_the_reason(result):
     near = (0.0, 1.0, -1.0, 1.0)
     said = levels.note(levels.lines(near))
     assert said == (
-        "not drawn: rock, small tree, fence, goal (beyond the frame); turned (of other states)"
+        "not drawn: rock, small tree, fence, goal (beyond the frame); turned (depends on other states)"
     )
-    assert levels.note(levels.lines(PLANE)) == "not drawn: turned (of other states)"
+    assert levels.note(levels.lines(PLANE)) == "not drawn: turned (depends on other states)"
 
 
 def test_a_parameter_that_varies_has_no_one_line(result):
@@ -103,7 +103,7 @@ def test_paths_show_obstacles_and_goal_in_both_panels_with_their_names(result):
     (legend,) = figure.legends
     texts = {t.get_text() for t in legend.get_texts()}
     assert {"rock", "small tree", "fence", "goal", "forbidden"} <= texts
-    assert legend.get_title().get_text() == "not drawn: turned (of other states)"
+    assert legend.get_title().get_text() == "not drawn: turned (depends on other states)"
     for axis in figure.axes:
         hatched = [c for c in axis.collections if getattr(c, "hatches", None) not in (None, [None])]
         assert len(hatched) >= 3
@@ -128,7 +128,7 @@ def test_page_has_the_same_lines_as_the_figure(result):
     np.testing.assert_allclose(
         np.hypot(np.array(rock[0]["x"]) - 3, np.array(rock[0]["y"]) - 0.5), 1, rtol=2e-3
     )
-    assert page["layout"]["meta"]["says"] == "4 paths; not drawn: turned (of other states)"
+    assert page["layout"]["meta"]["says"] == "4 paths; not drawn: turned (depends on other states)"
 
 
 def test_many_constraints_share_one_entry_of_the_legend(car):

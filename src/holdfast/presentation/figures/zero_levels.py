@@ -187,11 +187,14 @@ class PlaneLevels:
         of_goal = [n for role, n in self.hidden if role == GOAL]
         others = [n for role, n in self.hidden if role == CONSTRAINT]
         others += [f"{n} of the goal" for n in of_goal]
+        depend = "depends" if len(others) == 1 else "depend"
         said = [
             f"{_listed(names)} ({why})"
-            for why, names in (("beyond the frame", beyond), ("of other states", others))
+            for why, names in (
+                ("beyond the frame", beyond), (f"{depend} on other states", others)
+            )
             if names
-        ]
+        ]  # fmt: skip
         return f"not drawn: {'; '.join(said)}" if said else ""
 
 
