@@ -98,6 +98,13 @@ def test_a_parameter_that_varies_has_no_one_line(result):
     assert ("constraint", "rock") in PlaneLevels.of(other, ("x", "y")).hidden
 
 
+def test_a_file_that_lacks_what_varies_is_drawn_too(result):
+    data = result.dataset.drop_vars(["varied", "varied_name"], errors="ignore")
+    figure = hf.paths_figure(hf.Result(data))
+    assert len(figure.axes) == 2
+    plt.close(figure)
+
+
 def test_paths_show_obstacles_and_goal_in_both_panels_with_their_names(result):
     figure = hf.paths_figure(result)
     (legend,) = figure.legends

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,8 @@ from holdfast.maths.expressions.numeric import parameter_values
 from holdfast.maths.expressions.traversal import at_numbers
 from holdfast.presentation.figures import style
 
-NODES = 181
-"""Along each side of a window in which a line is looked for."""
+NODES, CLOSE = 181, 91
+"""Along each side of the window of a figure, and of one around a single set."""
 
 ZOOMS = 6
 """How often a window is narrowed about the least value, to find what is smaller than its cells."""
@@ -72,19 +73,21 @@ class Line:
 class PlaneLevels:
     """The inequalities that have a line in the plane, and those that depend on more.
 
-    names: of the constraints, and then of the goal, if it has inequalities here. values: at points
-    of the shape (n, 2), one column for each name. hidden: the others, with the role of each.
+    names: of the constraints, and then of the goal, if it has inequalities here. values: at so many
+    nodes along each side of a window, row after row, one column for each name. hidden: the others,
+    with the role of each.
     """
 
     names: tuple[str, ...]
     constraints: int
-    values: Callable[[Array], Array]
+    values: Callable[[Window, int], Array]
     hidden: tuple[tuple[str, str], ...]
 
     @classmethod
     def of(cls, result: Result, plane: Sequence[str]) -> PlaneLevels:
         """Those of a result; what varies from run to run has no one line either."""
-        varied = {str(n) for n in result.arrays["varied_name"].values}
+        data = result.arrays
+        varied = {str(n) for n in data["varied_name"].values} if "varied_name" in data else set()
         numbers = {
             s: v for s, v in parameter_values(result.parameters).items() if s.name not in varied
         }
@@ -102,7 +105,10 @@ class PlaneLevels:
         expressions = [at_numbers(level.expression, numbers) for level in chosen]
         evaluator = Evaluator(expressions, at, ()) if chosen else None
 
-        def values(points: Array) -> Array:
+        @lru_cache(maxsize=2)  # all lines of a figure are looked for in the same window
+        def values(window: Window, nodes: int) -> Array:
+            x, y = np.linspace(*window[:2], nodes), np.linspace(*window[2:], nodes)
+            points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
             if evaluator is None:
                 return np.empty((len(points), 0))
             all_values = evaluator.values(points)
@@ -117,12 +123,9 @@ class PlaneLevels:
     def role(self, k: int) -> str:
         return CONSTRAINT if k < self.constraints else GOAL
 
-    def _on(self, k: int, window: Window) -> tuple[Array, Array, Array]:
-        x, y = np.linspace(*window[:2], NODES), np.linspace(*window[2:], NODES)
-        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        with np.errstate(all="ignore"):
-            values = self.values(points)[:, k].reshape(NODES, NODES)
-        return x, y, values
+    def _on(self, k: int, window: Window, nodes: int) -> tuple[Array, Array, Array]:
+        x, y = np.linspace(*window[:2], nodes), np.linspace(*window[2:], nodes)
+        return x, y, self.values(window, nodes)[:, k].reshape(nodes, nodes)
 
     def _bounded(self, k: int, window: Window) -> Window | None:
         """The box around an obstacle, or around the goal; None where it goes beyond the window or
@@ -131,18 +134,19 @@ class PlaneLevels:
         looked: Window = window
         box: Window | None = None
         for _ in range(ZOOMS):
-            x, y, values = self._on(k, looked)
+            nodes = NODES if looked == window else CLOSE
+            x, y, values = self._on(k, looked, nodes)
             inside = sign * values <= 0
             across, up = x[1] - x[0], y[1] - y[0]
             if inside.any():
                 rows, columns = (np.flatnonzero(inside.any(axis=a)) for a in (1, 0))
                 ends = {int(v) for v in (rows[0], rows[-1], columns[0], columns[-1])}
-                if looked == window and {0, NODES - 1} & ends:
+                if looked == window and {0, nodes - 1} & ends:
                     return None
                 (x0, x1), (y0, y1) = x[columns[[0, -1]]], y[rows[[0, -1]]]
                 left, right, low, high = x0 - across, x1 + across, y0 - up, y1 + up
                 box = looked = float(left), float(right), float(low), float(high)
-                if max(len(rows), len(columns)) > NODES / 4:
+                if max(len(rows), len(columns)) > nodes / 4:
                     break
             elif np.isfinite(values).any():
                 row, column = np.unravel_index(np.nanargmin(sign * values), values.shape)
@@ -175,7 +179,7 @@ class PlaneLevels:
             if box is not None:
                 wide, high = 0.2 * (box[1] - box[0]), 0.2 * (box[3] - box[2])
                 box = (box[0] - wide, box[1] + wide, box[2] - high, box[3] + high)
-            x, y, values = self._on(k, window if box is None else box)
+            x, y, values = self._on(k, *((window, NODES) if box is None else (box, CLOSE)))
             if (values > 0).any() and (values <= 0).any():
                 lines.append(Line(self.role(k), name, x, y, values))
         return lines
