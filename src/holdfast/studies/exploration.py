@@ -33,13 +33,14 @@ from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import Parameter, in_base_units
-from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.quantity import TIME, Parameter, in_base_units
+from holdfast.maths.definitions.region import Region, Shape, ZeroLevel
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.numeric import Expression
 from holdfast.maths.expressions.parser import parse_expression
+from holdfast.maths.nonholonomic.bodies import bodies
 from holdfast.presentation.html.page import explorer_page
 from holdfast.scenario.files import overridden, read_tables, read_text, scenario_names
 from holdfast.scenario.kernel_reference import DECISIVE
@@ -434,7 +435,7 @@ def _described(shown: Explored) -> dict[str, Any]:
         "disturbance": list(loop.program.given),
         "draws": {n: list(r) for n, r in varied.draws.items()}, "cases": list(varied.cases),
         "units": dict(varied.units),
-        "scene": [{"kind": type(s).__name__, "role": s.role, "at": k} for s, k in loop.scene],
+        "scene": [_shape(shown, s) | {"at": k} for s, k in loop.scene],
         "noise": {"uniform": noise[0].tolist(), "normal": noise[1].tolist()},
         "settings": {
             name: getattr(settings, name)
@@ -462,7 +463,7 @@ def _loop(shown: Explored, law: Law | Switching) -> WebLoop:
     loop = web_loop(
         shown.system, law, replace(shown.settings, delay=latest),
         region=shown.region, goal=shown.goal, disturbance=shown.disturbance, varied=shown.varied,
-        stepper=shown.stepper,
+        stepper=shown.stepper, shapes=bodies(shown.system, shown.plane),
     )  # fmt: skip
     if loop.table is not None and loop.table.nbytes > MOST_BYTES:
         raise ScenarioError(
@@ -471,6 +472,16 @@ def _loop(shown: Explored, law: Law | Switching) -> WebLoop:
             remedy="compute it with fewer nodes",
         )
     return loop
+
+
+def _shape(shown: Explored, shape: Shape) -> dict[str, Any]:
+    """What a shape is. Of a zero level the states that it depends on, and whether it moves."""
+    about = {"kind": type(shape).__name__, "role": shape.role}
+    if not isinstance(shape, ZeroLevel):
+        return about
+    free = shape.expression.free_symbols
+    reads = [k for k, q in enumerate(shown.system.states) if q.symbol in free]
+    return {**about, "name": shape.name, "reads": reads, "timed": TIME in free}
 
 
 def _slices(shown: Explored) -> dict[str, Any] | None:

@@ -24,13 +24,15 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from holdfast.maths.definitions.region import Shape
+    from holdfast.maths.definitions.system import System
 
 
 class Result(InNotebooks):
     """Trajectories as `dataset`, the shapes to draw, and the reference state for errors.
 
-    `scene` are the region's and the goal's shapes, `parameters` the values in them.
-    `reference` maps states to the desired final values; may be empty.
+    `scene` are the region's and the goal's shapes and the zero levels of their inequalities,
+    `parameters` the values in them. `reference` maps states to the desired final values; may be
+    empty. `system`: whose trajectories they are; None for those of a file.
     """
 
     def __init__(
@@ -39,11 +41,13 @@ class Result(InNotebooks):
         scene: tuple[Shape, ...] = (),
         parameters: Mapping[str, float] | None = None,
         reference: Mapping[str, float] | None = None,
+        system: System | None = None,
     ) -> None:
         self._kept = dataset
         self.scene = scene
         self.parameters = parameters
         self.reference = reference
+        self.system = system
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{n} {label}" for label, n in self.outcomes.items() if n)

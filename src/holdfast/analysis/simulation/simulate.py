@@ -38,7 +38,7 @@ from holdfast.execution.simulation.settings import (
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
 from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol
-from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.region import Region, drawn_shapes
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
@@ -520,7 +520,6 @@ def simulate(
         commander=commander_of(command, program),
     )  # fmt: skip
     check_field(system, trajectories, first)
-    scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
     return Result(
         described(
             program,
@@ -543,7 +542,8 @@ def simulate(
             _limits(system, real, (*program.varied.names, *program.varied.plant), drawn),
             felt_along(loop, trajectories, chosen, dict(plant or {})),
         ),
-        scene=scene,
+        scene=drawn_shapes(region, goal),
+        system=system,
         parameters={p.name: p.value for p in program.parameters},
         reference=reference,
     )

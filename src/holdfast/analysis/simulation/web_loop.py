@@ -29,7 +29,16 @@ from holdfast.execution.table_in_parts import in_memory
 from holdfast.execution.web_assembly import LANES, STACK, web_module
 from holdfast.maths.definitions.law import CellLookup, Law
 from holdfast.maths.definitions.quantity import TIME
-from holdfast.maths.definitions.region import Circle, Cone, Footprint, Region, Segment, Shape
+from holdfast.maths.definitions.region import (
+    Circle,
+    Cone,
+    Footprint,
+    Region,
+    Segment,
+    Shape,
+    ZeroLevel,
+    drawn_shapes,
+)
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
@@ -104,12 +113,14 @@ def web_loop(
     disturbance: Mapping[str, Any] | None = None,
     varied: Varied | None = None,
     stepper: str = "rk4",
+    shapes: Iterable[Shape] = (),
 ) -> WebLoop:
     """The loop that `simulate` runs with these arguments, for a browser.
 
     Noise, a delay up to `LATEST` and every parameter can be changed there; disturbances that are
-    not given are numbers too. Raises what `simulate` raises for laws and disturbances that do not
-    fit, and `SimulationError` for a law that is handed its command by another controller.
+    not given are numbers too. shapes: others to draw than those of `region` and `goal`. Raises what
+    `simulate` raises for laws and disturbances that do not fit, and `SimulationError` for a law
+    that is handed its command by another controller.
     """
     expressions = {name: sp.Float(0) for name in system.disturbance_names} | {
         name: sp.sympify(e) for name, e in (disturbance or {}).items()
@@ -130,8 +141,7 @@ def web_loop(
         built(shape_of(program, LANES), kind._replace(noisy=some, late=some))
         for some in (False, True)
     )
-    shapes = (*(region.scene if region else ()), *(goal.scene if goal else ()))
-    scene, leaf = _scene(program, shapes)
+    scene, leaf = _scene(program, (*drawn_shapes(region, goal), *shapes))
     leaves = {**program.leaves, **({SCENE: leaf} if leaf is not None else {})}
     exported = [n for n in (SCENE, "varied") if n in leaves]
     block = BlockNumbers(exact.layout, program, roomy, LANES)
@@ -198,3 +208,5 @@ def numbers_of(shape: Shape) -> tuple[sp.Expr, ...]:
         case Footprint():
             corners = (e for corner in shape.corners for e in corner)
             return (*shape.apex, shape.heading, *corners)
+        case ZeroLevel():
+            return (shape.expression,)

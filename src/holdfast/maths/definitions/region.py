@@ -71,7 +71,19 @@ class Circle:
     radius: sp.Expr
 
 
-Shape = Segment | Cone | Footprint | Circle
+@dataclass(frozen=True)
+class ZeroLevel:
+    """Where an inequality is zero: the edge of what a region allows, or of a goal."""
+
+    role: str
+    name: str
+    expression: sp.Expr
+
+
+Shape = Segment | Cone | Footprint | Circle | ZeroLevel
+
+CONSTRAINT, GOAL = "constraint", "goal"
+"""The roles of zero levels."""
 
 
 def _remedy(relation: sp.logic.boolalg.Boolean) -> str:
@@ -233,3 +245,12 @@ class Region(Printed):
     def margin(self) -> sp.Expr:
         """l = -max_j c_j(q) / s_j, the convention of chapter 7: safe where positive."""
         return -self.worst
+
+
+def drawn_shapes(region: Region | None, goal: Region | None) -> tuple[Shape, ...]:
+    """The shapes of both scenes, and the zero level of every inequality of both."""
+    both = [(role, r) for role, r in ((CONSTRAINT, region), (GOAL, goal)) if r is not None]
+    return (
+        *(shape for _, r in both for shape in r.scene),
+        *(ZeroLevel(role, c.name, c.expression) for role, r in both for c in r.inequalities),
+    )

@@ -43,7 +43,10 @@ def formation_figure(result: Result, ground: Ground, instants: int = 5, run: int
         figure, axis = _map(ground, result)
         for number, (name, path) in enumerate(robots.items()):
             colour = style.LINES[number % len(style.LINES)]
-            axis.plot(path[:, 0], path[:, 1], color=colour, label=name, zorder=4)
+            axis.plot(
+                path[:, 0], path[:, 1], color=colour, linestyle=style.dashes(number),
+                label=name, zorder=4,
+            )  # fmt: skip
         count = len(next(iter(robots.values())))
         for number, k in enumerate(np.linspace(0, count - 1, instants).astype(int)):
             shade = 0.25 + 0.75 * (number + 1) / instants
@@ -122,7 +125,7 @@ def _line_of(of: str, robots: list[str]) -> tuple[str, dict[str, Any]]:
     name = "leader" if last == "leader" else f"follower {last}"
     return name, {
         "color": style.LINES[number % len(style.LINES)],
-        "linestyle": ("-", "--", "-.", ":")[number % 4],
+        "linestyle": style.dashes(number),
     }
 
 

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from holdfast.analysis.simulation.files import NamedArrays
@@ -25,7 +26,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.execution.arrays import Array
-from holdfast.execution.simulation.settings import SafeguardAnswer
+from holdfast.execution.simulation.settings import Outcome, SafeguardAnswer
 from holdfast.presentation.figures import style
 
 
@@ -168,6 +169,8 @@ MARKS = {
 def histories_figure(result: Result, run: int = 0) -> Figure:
     """States by unit, actuators (or inputs), constraints by unit and signals of one run.
 
+    The title says which run it is, how it ended, and the start. run: its number, from 0.
+
     Raises `OutputError` for an unknown run.
     """
     data = result.arrays
@@ -196,6 +199,7 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
             if panel.fed and answers is not None:
                 marks = _mark(axis, time, answers)
             axis.set_xlim(time[0], end)
+        figure.suptitle(told(result, run), fontsize=9)
         for axis in flat[len(shown) :]:
             axis.set_visible(False)
         for column in axes.T:
@@ -210,17 +214,40 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
                 handles=[*modes, *marks],
                 loc="outside lower center",
                 ncols=min(6, len(modes) + len(marks)),
+                handlelength=3.2,
                 title=", ".join(titles),
                 title_fontsize=7,
             )
     return figure
 
 
+TITLE_WIDTH, TITLE_LINES = 110, 2
+"""Letters in a line of the title, and lines for the start."""
+
+
+def told(result: Result, run: int) -> str:
+    """Which run it is, how it ended, and its start."""
+    data = result.arrays
+    names, units = ([str(v) for v in data[f"state_{what}"].values] for what in ("name", "unit"))
+    first = data["state"].values[run, 0]
+    parts = [style.numbers([one]) for one in zip(names, first.tolist(), units, strict=True)]
+    count, outcome = data.sizes["run"], Outcome(int(data["outcome"].values[run]))
+    said = f"run {run} of {count}: {outcome.label}" if count > 1 else outcome.label
+    rows: list[list[str]] = [[]]
+    for part in parts:  # not broken within: it may be a formula
+        if rows[-1] and len(", ".join([*rows[-1], part])) > TITLE_WIDTH:
+            rows.append([])
+        rows[-1].append(part)
+    left = sum(map(len, rows[TITLE_LINES:]))
+    start = ",\n".join(", ".join(row) for row in rows[:TITLE_LINES])
+    return f"{said}\nfrom {start}" + (f" and {left} more states" if left else "")
+
+
 def _draw(axis: Axes, panel: Panel, time: Array) -> None:
     for i, name in enumerate(panel.names):
         look: dict[str, Any] = {
             "color": style.LINES[i % len(style.LINES)],
-            "linestyle": ("-", "--", "-.", ":")[i % 4],
+            "linestyle": style.dashes(i),
         }
         axis.plot(time, panel.values[:, i], label=name, **look)
         if panel.nominal is not None:
@@ -316,21 +343,32 @@ def _settled(time: Array, states: Array) -> float:
     return float(min(time[-1], 1.4 * time[last[-1]] + time[1])) if last.size else float(time[-1])
 
 
-def _shade(axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: object) -> list[Patch]:
+def _shade(
+    axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: object
+) -> list[Line2D]:
     meanings = str(data["mode"].attrs["flag_meanings"]).split()  # type: ignore[index]
     if len(meanings) == 1:
         return []
     edges = [0, *(np.flatnonzero(np.diff(mode)) + 1), len(mode) - 1]
     for a, b in pairwise(edges):
         if mode[a] >= 0:
-            colour = style.MODES[int(mode[a]) % len(style.MODES)]
+            look = _mode_look(int(mode[a]))
             for axis in axes:
-                axis.axvspan(time[a], time[b], color=colour, alpha=0.10, linewidth=0)
+                axis.axvspan(time[a], time[b], color=look["color"], alpha=0.10, linewidth=0)
+                axis.plot(
+                    time[[a, b]], [1.0, 1.0], transform=axis.get_xaxis_transform(),
+                    label="_mode", **look,
+                )  # fmt: skip
     return [
-        Patch(
-            color=style.MODES[int(m) % len(style.MODES)],
-            alpha=0.25,
-            label=meanings[m].replace("_", " "),
-        )
+        Line2D([], [], label=meanings[m].replace("_", " "), **_mode_look(int(m)))
         for m in np.unique(mode[mode >= 0])
     ]
+
+
+def _mode_look(mode: int) -> dict[str, Any]:
+    """The line over the panels while the mode is on; its shade has the same colour."""
+    colour = style.MODES[mode % len(style.MODES)]
+    return {
+        "color": colour, "linestyle": style.dashes(mode), "linewidth": 2.5,
+        "dash_capstyle": "butt", "solid_capstyle": "butt",
+    }  # fmt: skip

@@ -12,7 +12,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.contour import ContourSet
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
@@ -221,20 +220,3 @@ def add_bar(axis: Axes, filled: ContourSet, label: str) -> None:
     """A colour bar as high as the panel."""
     place = axis.inset_axes((1.03, 0.0, 0.04, 1.0))
     axis.figure.colorbar(filled, cax=place, label=label)
-
-
-def add_legend(figure: Figure, handles: list[Artist]) -> None:
-    """One legend below, every label once, in as many columns as fit."""
-    once = {str(h.get_label()): h for h in handles}
-    if not once:
-        return
-    widest = 0.6 + 0.055 * max(len(label) for label in once)  # inches
-    most = max(1, int(figure.get_size_inches()[0] / widest))
-    rows = -(-len(once) // most)
-    figure.legend(
-        handles=list(once.values()),
-        loc="outside lower center",
-        ncols=-(-len(once) // rows),
-        handlelength=2.2,
-        columnspacing=1.4,
-    )

@@ -1,10 +1,11 @@
-"""Paths in the plane, with the scene: wall, target, field of view, goals.
+"""Paths in the plane, with the scene: constraints, goal, wall, target, field of view, trailers.
 
 The limits of a plot are not stretched by a few paths that lead far away.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -25,8 +26,10 @@ from holdfast.execution.simulation.settings import Outcome
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Cone, Footprint, Segment
 from holdfast.maths.expressions.numeric import Values, evaluated, parameter_values
+from holdfast.maths.nonholonomic.bodies import bodies
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.style import draw_fixed, seen_from
+from holdfast.presentation.figures.zero_levels import PlaneLevels, draw_lines
 
 FAR = 4.0
 """A path that goes this many times as far as half of them is cut at the frame."""
@@ -85,6 +88,10 @@ def frame_of(paths: Array, fixed: Array | None = None, *, equal: bool = True) ->
     return Frame(x, y, equal, int(outside.any(axis=1).sum()))
 
 
+BODY: dict[str, Any] = {
+    "facecolor": style.GREY, "alpha": 0.35, "edgecolor": style.BLACK, "linewidth": 0.8, "zorder": 2,
+}  # fmt: skip
+
 _MAX_POINTS = 160
 _MAX_BOLD = 3000
 _SHOWN_RUNS = 300
@@ -100,7 +107,9 @@ def paths_figure(
 ) -> Figure:
     """All paths coloured by outcome, and the first `highlight` of them coloured by mode.
 
-    `cones` fields of view are drawn along the path of run `cone_run`.
+    Inequalities of the two states of the plane have their line, with the forbidden side hatched;
+    others are named under the figure. `cones` fields of view, or a vehicle with its trailers as
+    often, are drawn along the path of run `cone_run`. Raises `OutputError` for an unknown state.
     """
     data = result.arrays
     names = [str(n) for n in data["state_name"].values]
@@ -115,7 +124,11 @@ def paths_figure(
         both = runs > len(bold)
         units = data["state_unit"].values[columns]
         one = bool(units[0] == units[1])
-        frame = frame_of(xy[:_SHOWN_RUNS], target_ends(result), equal=one)
+        levels = PlaneLevels.of(result, plane)
+        placed = _bodies_along(result, plane, cone_run, cones) if cone_run < runs else []
+        frame = framed(xy[:_SHOWN_RUNS], result, levels, placed, equal=one)
+        window = (*frame.x, *frame.y)
+        lines = levels.lines(window)
         across, up = frame.size
         width = style.WIDTH / 2 if both else style.WIDTH * 0.65
         height = min(max(0.85 * width * up / across, 1.8), 4.4) + 1.1
@@ -129,34 +142,46 @@ def paths_figure(
             squeeze=False,
         )
         panels = list(axes[0])
+        legend: list[Artist] = []
         for axis in panels:
+            legend = draw_lines(axis, lines, window)
             draw_fixed(axis, result.scene, result.parameters)
         if both:
             _draw_ensemble(panels[0], data, xy, frame.beyond)
         _draw_highlights(panels[-1], result, xy, bold)
         if cones > 0 and cone_run < runs:
             _draw_views(panels[-1], result, xy[cone_run], cone_run, names, cones)
+        for outline in placed:
+            panels[-1].add_patch(Polygon(outline, label="vehicle with trailers", **BODY))
         for axis in panels:
             if frame.equal:
                 axis.set_aspect("equal")
             axis.set_xlim(frame.x)
             axis.set_ylim(frame.y)
             axis.set_xlabel(style.axis_label(plane[0], str(units[0])))
-        entries: dict[str, Artist] = {}
-        for axis in panels:
-            entries |= {str(h.get_label()): h for h in axis.get_legend_handles_labels()[0]}
-        figure.legend(
-            handles=list(entries.values()),
-            loc="outside lower center",
-            ncols=min(6, len(entries)),
-            handlelength=1.6,
-            columnspacing=1.4,
-        )
+        entries = [h for axis in panels for h in axis.get_legend_handles_labels()[0]]
+        style.add_legend(figure, [*entries, *legend], levels.note(lines))
         panels[0].set_ylabel(style.axis_label(plane[1], str(units[1])))
     return figure
 
 
-def target_ends(result: Result) -> Array:
+def framed(
+    paths: Array,
+    result: Result,
+    levels: PlaneLevels,
+    beside: Sequence[Array] = (),
+    *,
+    equal: bool = True,
+) -> Frame:
+    """The frame of paths with the targets and what is beside the paths, arrays of the shape
+    (n, 2), and with the obstacles and the goal in this frame or near it."""
+    fixed = np.vstack([_target_ends(result), *beside])
+    first = frame_of(paths, fixed, equal=equal)
+    near = levels.corners((*first.x, *first.y), equal=equal)
+    return frame_of(paths, np.vstack([fixed, near]), equal=equal)
+
+
+def _target_ends(result: Result) -> Array:
     """The ends of the targets of the scene, shape (n, 2)."""
     targets = [x for x in result.scene if isinstance(x, Segment) and x.role == "target"]
     values = parameter_values(result.parameters)
@@ -187,19 +212,20 @@ def _draw_ensemble(axis: Axes, data: Any, xy: Array, beyond: int) -> None:
         if not count:
             continue
         members = members[members < shown]
-        colour = style.OUTCOMES[outcome]
+        colour, dashes = style.OUTCOMES[outcome], style.dashed(style.OUTCOME_DASHES[outcome])
         many = outcome in (Outcome.REACHED, Outcome.STAYED)
         axis.add_collection(
             LineCollection(
                 [_thinned(xy[i]) for i in members],
                 colors=colour,
+                linestyles=[dashes],
                 linewidths=0.5 if many else 1.0,
                 alpha=0.55 if many else 1.0,
             )
         )
         starts = xy[members, 0]
         axis.plot(starts[:, 0], starts[:, 1], ".", color=colour, markersize=2.5)
-        axis.plot([], [], color=colour, label=f"{outcome.label} ({count})")
+        axis.plot([], [], color=colour, linestyle=dashes, label=f"{outcome.label} ({count})")
     left = [i for i in np.flatnonzero(outcomes == Outcome.LEFT) if i < shown]
     if left:
         times = data["time"].values
@@ -230,8 +256,7 @@ def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> 
         axis.plot(
             [],
             [],
-            color=_mode_colour(int(mode)),
-            linewidth=1.6,
+            **_mode_look(int(mode)),
             label=meanings[mode].replace("_", " "),
         )
     for run, mode in zip(runs, modes, strict=True):
@@ -242,8 +267,7 @@ def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> 
                 axis.plot(
                     piece[:, 0],
                     piece[:, 1],
-                    color=_mode_colour(int(mode[a])),
-                    linewidth=1.6,
+                    **_mode_look(int(mode[a])),
                     zorder=3,
                 )
     axis.plot(
@@ -255,11 +279,20 @@ def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> 
         zorder=4,
         label="start",
     )
-    axis.set_title(f"first {len(runs)} starts, by mode" if len(runs) > 1 else "path, by mode")
+    if len(runs) == 1:
+        axis.set_title("path, by mode")
+        return
+    for run in runs:
+        axis.annotate(
+            str(run), xy[run, 0], xytext=(-3, 2), textcoords="offset points", ha="right",
+            fontsize=7, zorder=6,
+        )  # fmt: skip
+    axis.set_title(f"runs {runs[0]} to {runs[-1]}, by mode")
 
 
-def _mode_colour(mode: int) -> str:
-    return style.MODES[mode % len(style.MODES)]
+def _mode_look(mode: int) -> dict[str, Any]:
+    colour = style.MODES[mode % len(style.MODES)]
+    return {"color": colour, "linestyle": style.dashes(mode), "linewidth": 1.6}
 
 
 def _draw_views(
@@ -273,9 +306,7 @@ def _draw_views(
     if not len(states):
         return
     for view in (shape for shape in result.scene if isinstance(shape, Cone | Footprint)):
-        moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-        instants = np.searchsorted(moved, np.linspace(0.0, 0.999 * moved[-1], count))
-        for number, k in enumerate(np.unique(instants)):
+        for number, k in enumerate(_instants(path, count)):
             values = base | {symbol(n): float(v) for n, v in zip(names, states[k], strict=True)}
             seen = _outline(view, values)
             if seen is None:
@@ -298,6 +329,29 @@ def _draw_views(
         axis.plot([], [], color=style.ORANGE, linewidth=5, alpha=0.35, label=view.role)
 
 
+def _instants(path: Array, count: int) -> Array:
+    """The numbers of points evenly spaced along a path of the shape (points, 2)."""
+    moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    return np.unique(np.searchsorted(moved, np.linspace(0.0, 0.999 * moved[-1], count)))
+
+
+def _bodies_along(result: Result, plane: Sequence[str], run: int, count: int) -> list[Array]:
+    """The outlines of a vehicle with trailers at instants evenly spaced along the path of a run,
+    each of the shape (corners, 2); none for other vehicles."""
+    parts = bodies(result.system, plane) if result.system is not None and count > 0 else ()
+    names = [str(n) for n in result.arrays["state_name"].values]
+    states = result.arrays["state"].values[run]
+    states = states[np.isfinite(states).all(axis=1)]
+    if not parts or not len(states):
+        return []
+    base, outlines = parameter_values(result.parameters), []
+    for k in _instants(states[:, [names.index(n) for n in plane]], count):
+        values = base | {symbol(n): float(v) for n, v in zip(names, states[k], strict=True)}
+        for part in parts:
+            outlines.append(_corners(part, values))
+    return outlines
+
+
 def _outline(view: Cone | Footprint, values: Values) -> Patch | None:
     """The visible area there, or None if the scene has no such shape."""
     x, y, heading = evaluated((*view.apex, view.heading), values)
@@ -306,5 +360,11 @@ def _outline(view: Cone | Footprint, values: Values) -> Patch | None:
         if not (np.isfinite([x, y, heading, half]).all() and 0 < reach < np.inf):
             return None
         return Wedge((x, y), reach, np.degrees(heading - half), np.degrees(heading + half))
-    corners = np.array([evaluated(corner, values) for corner in view.corners])
-    return Polygon(seen_from(x, y, heading, corners))
+    return Polygon(_corners(view, values))
+
+
+def _corners(shape: Footprint, values: Values) -> Array:
+    x, y, heading = evaluated((*shape.apex, shape.heading), values)
+    corners = np.array([evaluated(corner, values) for corner in shape.corners])
+    placed: Array = seen_from(x, y, heading, corners)
+    return placed

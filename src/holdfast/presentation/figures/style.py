@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,19 @@ OUTCOMES: dict[Outcome, str] = dict(
 )
 """The colour of every outcome, in every figure: stayed, reached goal, left, diverged, chattered."""
 
+DASHES: tuple[tuple[float, ...], ...] = (
+    (), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (3, 1.2, 1, 1.2, 1, 1.2), (2, 3),
+)  # fmt: skip
+"""Dashes and gaps in widths of their line, so that lines differ without colours too."""
+
+OUTCOME_DASHES: dict[Outcome, tuple[float, ...]] = dict(
+    zip(Outcome, (DASHES[4], DASHES[0], DASHES[1], DASHES[2], DASHES[3], *DASHES[5:]), strict=False)
+)
+"""The dashes of every outcome, in every figure."""
+
+LIMIT = "#6b6258"
+"""The zero level of a constraint."""
+
 OVERRULED, INFEASIBLE = ORANGE, BLACK
 """Marks of samples at which a safety filter intervened, or found no admissible input."""
 
@@ -64,11 +77,22 @@ _SETTINGS: Any = {
     "figure.autolayout": False,
     "figure.constrained_layout.use": False,
     "figure.dpi": 100,
+    "hatch.linewidth": 0.5,
     "savefig.dpi": 200,
     "svg.fonttype": "none",
     "svg.hashsalt": "holdfast",
     "mathtext.fontset": "dejavusans",
 }
+
+
+def dashes(number: int) -> Any:
+    """The dashes of the line of that number, for Matplotlib."""
+    return dashed(DASHES[number % len(DASHES)])
+
+
+def dashed(pattern: Sequence[float]) -> Any:
+    """Dashes and gaps, as Matplotlib takes them."""
+    return (0, tuple(pattern)) if pattern else "-"
 
 
 @contextmanager
@@ -127,6 +151,15 @@ def axis_label(symbol: str, unit: str) -> str:
     return label(symbol) if unit == "1" else f"{label(symbol)} [{unit}]"
 
 
+def numbers(named: Iterable[tuple[str, float, str]]) -> str:
+    """Names, values and units as text: x = 2 m, psi = 0.3 rad."""
+    return ", ".join(
+        f"{label(name)} = {value if abs(value) > 1e-12 else 0.0:.3g}"
+        + ("" if unit == "1" else f" {unit}")
+        for name, value, unit in named
+    )
+
+
 FIXED: Mapping[str, dict[str, Any]] = {
     "target": {"color": BLACK, "linewidth": 4.5, "zorder": 5},
     "wall": {"color": GREY, "linewidth": 1.5, "zorder": 2},
@@ -157,6 +190,25 @@ def labelled(axis: Axes) -> list[Artist]:
         if not (isinstance(handle, Line2D) and len(handle.get_path()))
         or handle.get_path().get_extents().overlaps(axis.viewLim)
     ]
+
+
+def add_legend(figure: Figure, handles: list[Artist], note: str = "") -> None:
+    """One legend below, every label once, in as many columns as fit; a note above it."""
+    once = {str(h.get_label()): h for h in handles}
+    if not once:
+        return
+    widest = 0.6 + 0.055 * max(len(label) for label in once)  # inches
+    most = max(1, int(figure.get_size_inches()[0] / widest))
+    rows = -(-len(once) // most)
+    figure.legend(
+        handles=list(once.values()),
+        loc="outside lower center",
+        ncols=-(-len(once) // rows),
+        handlelength=2.2,
+        columnspacing=1.4,
+        title=note or None,
+        title_fontsize=7,
+    )
 
 
 def seen_from(x: float, y: float, heading: float, corners: Any) -> Any:

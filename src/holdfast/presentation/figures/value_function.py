@@ -8,6 +8,7 @@ law is drawn in a plane of states: the sign of each input, and the velocity of t
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle
@@ -32,6 +33,12 @@ from holdfast.presentation.figures.style import draw_fixed, labelled
 
 SLICES = 5
 """The default number of slices."""
+
+TABLES = ("region", "goal", "system")
+"""What a file calls a region or a system that has no name of its own."""
+
+TITLE_WIDTH = 62
+"""Letters in a line of the title."""
 
 Held = Mapping[str, float | Sequence[float]]
 
@@ -113,11 +120,13 @@ def _across(name: str, values: Sequence[ValueFunction]) -> list[float]:
 
 
 def told(value: ValueFunction) -> str:
-    """Title: the set, its convergence, and whether it is empty or covers the grid."""
+    """Title: that of the scenario, the set, its convergence, and whether it is empty or covers the
+    grid."""
     report, last = value.report, value.values()
     text = "value function"
     if report.kind:
-        text = f"{report.kind.replace('-', ' ')} of {report.region}, {report.system}"
+        names = [n for n in (report.region, report.system) if n not in TABLES]
+        text = report.kind.replace("-", " ") + (f" of {', '.join(names)}" if names else "")
         reached = f"{report.reached_s:.3g} s"
         if report.converged:
             text += f"\nconverged after {reached}"
@@ -131,17 +140,16 @@ def told(value: ValueFunction) -> str:
         text += "; empty: no node of the grid is in the set"
     elif (last > 0).all():
         text += "; every node of the grid is in the set"
-    return text.replace("_", " ")
+    text = text.replace("_", " ")
+    if report.title:
+        text = "\n".join([*textwrap.wrap(report.title, TITLE_WIDTH), text])
+    return text
 
 
 def where(value: ValueFunction, held: Mapping[str, float]) -> str:
     """The fixed states, with units."""
     units = {a.name: a.state.unit for a in value.grid.axes}
-    return ", ".join(
-        f"{style.label(n)} = {v if abs(v) > 1e-12 else 0.0:.3g}"
-        + ("" if units[n] == "1" else f" {units[n]}")
-        for n, v in held.items()
-    )
+    return style.numbers((n, v, units[n]) for n, v in held.items())
 
 
 @checked
@@ -207,7 +215,7 @@ def _line(
     axis.set_xlabel(style.axis_label(state.name, state.state.unit))
     axis.set_ylabel(_value_label(value))
     figure.suptitle(_title(value, view.held), fontsize=9)
-    level_sets.add_legend(figure, axis.get_legend_handles_labels()[0])
+    style.add_legend(figure, axis.get_legend_handles_labels()[0])
     return figure
 
 
@@ -243,7 +251,7 @@ def _plane(
     level_sets.set_up(axis, flat, plane)
     figure.suptitle(_title(value, view.held), fontsize=9)
     entries = level_sets.entries(flat, alone, others)
-    level_sets.add_legend(figure, entries + labelled(axis))
+    style.add_legend(figure, entries + labelled(axis))
     return figure
 
 
@@ -294,7 +302,7 @@ def _slices(
         axis.set_visible(False)
     figure.suptitle(_title(value, view.held), fontsize=9)
     entries = level_sets.entries(value, level_sets.in_set(label), others)
-    level_sets.add_legend(figure, entries + labelled(panels[0]))
+    style.add_legend(figure, entries + labelled(panels[0]))
     return figure
 
 
@@ -453,7 +461,7 @@ def optimal_input_figure(
             ),
         ]  # fmt: skip
         handles += level_sets.entries(flat, handles[2], others)
-        level_sets.add_legend(figure, handles + labelled(panels[0, 0]))
+        style.add_legend(figure, handles + labelled(panels[0, 0]))
     return figure
 
 

@@ -16,13 +16,14 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.simulation.result import Result
 from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.settings import Outcome
-from holdfast.maths.definitions.region import Circle, Segment
+from holdfast.maths.definitions.region import GOAL, Circle, Segment
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.planning.obstacles import kept_points
 from holdfast.presentation.figures import level_sets, style
 from holdfast.presentation.figures.formation import Ground, robots_of
-from holdfast.presentation.figures.paths import Frame, frame_of, target_ends
+from holdfast.presentation.figures.paths import Frame, frame_of, framed
 from holdfast.presentation.figures.surface import BODY, DARK, brightness, zero_surface
+from holdfast.presentation.figures.zero_levels import Line, PlaneLevels
 
 MOST_RUNS, OF_EACH = 40, 3
 """The first runs, and the first of each other outcome, that are drawn, to limit the page's size."""
@@ -35,8 +36,6 @@ SQUAT = 0.6
 
 INK = style.BLACK
 """A line of this colour takes that of the text, in the dark theme too."""
-
-DASHES = ("solid", "dash", "dashdot", "dot")
 
 
 def set_data(value: ValueFunction) -> dict[str, Any] | None:
@@ -91,19 +90,24 @@ def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | 
     outcomes = data["outcome"].values
     chosen = _chosen(outcomes)
     paths = data["state"].values[chosen][:, :, columns]
-    frame = frame_of(paths, target_ends(result), equal=equal)
-    traces = [*_scene(result)]
+    levels = PlaneLevels.of(result, plane)
+    frame = framed(paths, result, levels, equal=equal)
+    lines = levels.lines((*frame.x, *frame.y))
+    traces = [trace for k, line in enumerate(lines) for trace in _level(line, k)] + _scene(result)
     shown: set[str] = set()
     for run, path in zip(chosen, paths, strict=True):
         outcome = Outcome(int(outcomes[run]))
-        line = {"width": 1.3, "color": style.OUTCOMES[outcome]}
+        dash = plotly_dash(style.OUTCOME_DASHES[outcome], 1.3)
+        line = {"width": 1.3, "color": style.OUTCOMES[outcome], "dash": dash}
         traces.append(
             _path(f"run {run}", path, data["time"].values, frame, outcome.label, line)
             | {"showlegend": outcome.label not in shown}
         )
         shown.add(outcome.label)
     titles = [_title(n, u) for n, u in zip(plane, units, strict=True)]
-    return _plane(traces, frame, titles, _said(len(chosen), len(outcomes), frame.beyond))
+    said = _said(len(chosen), len(outcomes), frame.beyond)
+    note = levels.note(lines)
+    return _plane(traces, frame, titles, f"{said}; {note}" if note else said)
 
 
 def robots_data(result: Result, ground: Ground, run: int = 0) -> dict[str, Any]:
@@ -119,7 +123,7 @@ def robots_data(result: Result, ground: Ground, run: int = 0) -> dict[str, Any]:
         line = {
             "width": 2,
             "color": style.LINES[number % len(style.LINES)],
-            "dash": DASHES[number % len(DASHES)],
+            "dash": plotly_dash(style.DASHES[number % len(style.DASHES)], 2),
         }
         traces.append(_path(name, path, result.arrays["time"].values[:count], frame, name, line))
     goal = {"mode": "markers", "marker": {"symbol": "star", "size": 12, "color": style.PURPLE}}
@@ -157,6 +161,25 @@ def _path(
         "hovertemplate": f"{who}, %{{customdata}} s<br>(%{{x}}, %{{y}})<extra></extra>",
         "hoverinfo": "all", "showlegend": True,
     }  # fmt: skip
+
+
+def plotly_dash(pattern: Sequence[float], width: float) -> str:
+    """Dashes and gaps in widths of the line, as Plotly takes them."""
+    return ",".join(f"{part * width:.3g}px" for part in pattern) or "solid"
+
+
+def _level(level: Line, number: int) -> list[dict[str, Any]]:
+    """The pieces of a zero level, named once."""
+    if level.role == GOAL:
+        look = {"color": style.GREEN, "width": 1.5, "dash": plotly_dash((4, 2), 1.5)}
+    else:
+        pattern = style.DASHES[number % len(style.DASHES)]
+        look = {"color": style.LIMIT, "width": 1.5, "dash": plotly_dash(pattern, 1.5)}
+    name = level.name.replace("_", " ")
+    named = {"name": name, "legendgroup": f"{level.role} {name}"}
+    return [
+        _line(piece, look) | named | {"showlegend": k == 0} for k, piece in enumerate(level.pieces)
+    ]
 
 
 def _line(points: Array, line: dict[str, Any]) -> dict[str, Any]:

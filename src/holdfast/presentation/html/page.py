@@ -48,6 +48,7 @@ def picture(path: Path) -> str:
 
 SCRIPTS = (
     "svg",
+    "levels",
     "plane",
     "strips",
     "controls",
@@ -72,7 +73,8 @@ def explorer_page(data: Mapping[str, Any]) -> str:
 
     look = {
         "outcomes": {OUTCOMES[o]: style.OUTCOMES[o] for o in Outcome},
-        "modes": style.MODES, "lines": style.LINES, "version": __version__,
+        "lines": style.LINES, "version": __version__, "dashes": style.DASHES,
+        "outcome_dashes": [style.OUTCOME_DASHES[o] for o in Outcome],
     }  # fmt: skip
     return rendered(
         "explorer",

@@ -15,7 +15,7 @@ from matplotlib.ticker import PercentFormatter
 from holdfast.analysis.reachability.solve import Answer, Margin, Tried
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
-from holdfast.presentation.figures import level_sets, style
+from holdfast.presentation.figures import style
 
 FITS = 56
 """Characters of a title on one line."""
@@ -98,7 +98,7 @@ def margin_figure(
         axis.set_ylabel("share of the box in the kernel")
         axis.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=" %"))
         axis.set_ylim(0, 1.12 * max(float(np.nan_to_num(left).max()), 1e-3))
-        level_sets.add_legend(figure, axis.get_legend_handles_labels()[0])
+        style.add_legend(figure, axis.get_legend_handles_labels()[0])
     return figure
 
 

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from holdfast.analysis.safety.gain_conditions import JudgedCondition
 from holdfast.analysis.simulation.sweep_table import COSTS, Costs, Tuning
 from holdfast.arguments import checked
-from holdfast.presentation.figures import level_sets, style
+from holdfast.presentation.figures import style
 
 LABELS = {
     "time": "time to the goal [s]",
@@ -65,7 +65,7 @@ def tuning_figure(found: Tuning) -> Figure:
         axis.set_xlabel(LABELS[across])
         axis.set_ylabel(LABELS[up])
         axis.set_title(f"{found.title}\nmeans over {found.starts} starts, at the worst corner")
-        level_sets.add_legend(figure, axis.get_legend_handles_labels()[0])
+        style.add_legend(figure, axis.get_legend_handles_labels()[0])
     return figure
 
 

@@ -17,8 +17,9 @@ const page = {
     const dark = of("dark") === "1", shown = (c) => (dark && c === "#222222" ? "#e4e8ec" : c);
     page.look = {
       page: of("page"), card: of("card"), line: of("line"), text: of("text"), soft: of("soft"), accent: of("accent"),
-      wall: of("soft"), goals: "#CC79A7", view: "#E69F00", current: "#0072B2", set: of("set"), limit: "#D55E00",
+      wall: of("soft"), goals: "#CC79A7", constraint: of("constraint"), forbidden: of("forbidden"), goal: "#009E73", goalArea: of("goal"), view: "#E69F00", current: "#0072B2", set: of("set"), limit: "#D55E00",
       outcomes: Object.values(data.look.outcomes).map(shown), lines: data.look.lines.map(shown),
+      dashes: data.look.dashes, dashesOf: (outcome, width) => dashed(data.look.outcome_dashes[outcome], width),
       modes: ["#0072B2", "#E69F00", "#CC79A7", of("text"), "#999999"], // no colour of an outcome
     };
     return page.look;
@@ -35,7 +36,8 @@ const page = {
     });
   },
   posesNow() {
-    const now = page.stateAt(page.time), views = data.scene.filter((s) => s.kind === "Cone" || s.kind === "Footprint");
+    const now = page.stateAt(page.time), views = data.scene.filter((s) => (s.kind === "Cone" || s.kind === "Footprint") && !isBody(s));
+    if (page.sceneNow && data.scene.some(isBody)) return []; // it is drawn with its trailers
     const own = { x: now[planeX], y: now[planeY], heading: HEADING === null || !atHome() ? null : now[HEADING] };
     const others = page.sceneNow ? views.map(({ at }) => ({ x: page.sceneNow[at], y: page.sceneNow[at + 1], heading: page.sceneNow[at + 2] })) : [];
     return others.some((p) => Math.hypot(p.x - own.x, p.y - own.y) < 1e-9) ? others : [own, ...others];
@@ -62,6 +64,8 @@ function currentRows() {
   return metric && !still && rows.every((row) => row >= 0) ? rows : [];
 }
 
+const levels = new Levels(page);
+page.levelsOf = (plane) => (mainLoops.length ? levels.of(plane, mainLoops[state.variant]) : []);
 const plane = new Plane(byId("plane"), page), strips = new Strips(byId("strips"), page);
 const controls = new Controls(byId("controls"));
 let mainLoops = [], makeSlices = [], moved = 0; // the pose that keys move
@@ -95,13 +99,14 @@ function tell() {
   say(parts.join("; ") + ".");
   byId("status").dataset.outcome = labels[run.outcome];
   byId("modes").replaceChildren(...(run.mode ? variant().modes : []).map((name, k) =>
-    marked(page.colours().modes[k % page.colours().modes.length], name.replaceAll("_", " "))));
+    marked(page.colours().modes[k % page.colours().modes.length], name.replaceAll("_", " "), page.colours().dashes[k % page.colours().dashes.length])));
 }
 
-function marked(colour, text) {
-  const item = document.createElement("li"), mark = document.createElement("span");
-  mark.className = "mark";
-  mark.style.background = colour;
+// An entry of a list with its line.
+function marked(colour, text, pattern = []) {
+  const of = (name, values) => { const e = document.createElementNS("http://www.w3.org/2000/svg", name); for (const [k, v] of Object.entries(values)) e.setAttribute(k, v); return e; };
+  const item = document.createElement("li"), mark = of("svg", { class: "mark", viewBox: "0 0 30 4", "aria-hidden": "true" });
+  mark.append(of("line", { x1: 0, y1: 2, x2: 30, y2: 2, stroke: colour, "stroke-width": 3, "stroke-dasharray": dashed(pattern, 2).join(" ") || "none" }));
   item.append(mark, text);
   return item;
 }
@@ -113,7 +118,7 @@ function tellFan() {
   list.replaceChildren();
   const labels = Object.keys(data.look.outcomes);
   for (const [outcome, count] of Object.entries(counts)) {
-    list.append(marked(page.colours().outcomes[outcome], `${labels[outcome]}: ${count} of ${page.fan.length}`));
+    list.append(marked(page.colours().outcomes[outcome], `${labels[outcome]}: ${count} of ${page.fan.length}`, data.look.outcome_dashes[outcome]));
   }
   list.classList.remove("old");
   list.dataset.seconds = page.fanSeconds ?? "";
@@ -122,14 +127,14 @@ function tellFan() {
 
 function groups() {
   const run = page.run, look = page.colours(), found = [];
-  const colour = (k) => look.lines[k % look.lines.length];
+  const colour = (k) => look.lines[k % look.lines.length], dash = (k) => dashed(look.dashes[k % look.dashes.length], 1.6);
   const units = [...new Set(data.constraints.map((c) => c[1]))], m = data.constraints.length;
   for (const unit of units) {
     const [shown, scale] = shownUnit(unit);
     found.push({ title: `constraints${shown === "1" ? "" : ` [${shown}]`}, violated above 0:`, limit: 0, scale, lines: data.constraints
       .map(([name], j) => ({ name: name.replaceAll("_", " "), j, unit: data.constraints[j][1] }))
       .filter((line) => line.unit === unit)
-      .map((line, k) => ({ name: line.name, colour: colour(k), dash: k < look.lines.length ? [] : [6, 3], values: (r) => run.constraint[r * m + line.j] })) });
+      .map((line, k) => ({ name: line.name, colour: colour(k), dash: dash(k), values: (r) => run.constraint[r * m + line.j] })) });
   }
   const inputs = data.inputs.length;
   for (const unit of [...new Set(data.inputs.map((q) => q.unit))]) {
@@ -137,7 +142,7 @@ function groups() {
     data.inputs.forEach((q, j) => {
       if (q.unit !== unit) return;
       if (run.nominal) lines.push({ steps: !data.settings.continuous, name: `${q.name} asked for`, colour: look.soft, dash: [3, 3], values: (r) => run.nominal[r * inputs + j] });
-      lines.push({ steps: !data.settings.continuous, name: q.name, colour: colour(j), values: (r) => run.input[r * inputs + j] });
+      lines.push({ steps: !data.settings.continuous, name: q.name, colour: colour(j), dash: dash(j), values: (r) => run.input[r * inputs + j] });
     });
     found.push({ title: `inputs${unit === "1" ? "" : ` [${unit}]`}:`, lines });
   }
@@ -232,6 +237,8 @@ function theme(next) {
   page.look = null;
   page.drawn = false;
   tellFan();
+  levels.list(page.colours());
+  if (page.run) tell();
 }
 
 async function begin() {
@@ -254,6 +261,7 @@ async function begin() {
   byId("play").addEventListener("click", () => play(!page.playing));
   time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
   byId("fan").addEventListener("change", fan);
+  byId("levels").addEventListener("change", () => { levels.list(page.colours()); page.drawn = false; });
   byId("reset").addEventListener("click", () => { state = initial(); applyAxes(); sweep?.taken(); page.time = still ? data.settings.horizon : 0; time.value = page.time; choice.value = 0; changed(); framed(); });
   byId("toml").hidden = data.tables === null;
   byId("toml").addEventListener("click", () => { const said = notCopied(); if (said) notice(said); else copied(asScenario(), "The scenario"); });

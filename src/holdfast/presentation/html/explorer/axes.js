@@ -19,6 +19,7 @@ function applyAxes() {
   page.fan = []; // its paths are over other states
   moved = 0;
   [byId("axisX").value, byId("axisY").value] = state.axes;
+  levels.list(page.colours());
 }
 
 // The least and the largest value of a state on the grid of the set; null where it is not an axis.

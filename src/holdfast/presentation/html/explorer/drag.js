@@ -5,6 +5,7 @@ let held = null;
 const canvas = byId("plane");
 const point = (event) => { const box = canvas.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
 canvas.addEventListener("pointerdown", (event) => {
+  canvas.focus({ preventScroll: true }); // for the keys; what is prevented below would leave it without
   held = plane.handleAt(...point(event)) || { kind: "plane", from: point(event) };
   if (held) { canvas.setPointerCapture(event.pointerId); event.preventDefault(); }
 });

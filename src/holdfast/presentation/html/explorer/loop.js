@@ -3,7 +3,7 @@
 // for each run, and an array s of whole numbers; `spec` says where what is.
 "use strict";
 
-const PAGE = 65536;
+const PAGE = 65536, MANY = 128; // states that a table over the plane is computed for at once
 
 function decoded(text) {
   const binary = atob(text);
@@ -47,7 +47,8 @@ class ClosedLoop {
     this.atS = this.atW + 8 * (this.numbers.length + log);
     this.atStop = this.atS + 8 * this.whole.length;
     this.atOut = this.atStop + 16;
-    const size = this.atOut + 16 * this.lanes * (spec.scene + spec.varied.length + spec.states + 8);
+    const over = this.atOut + 16 * this.lanes * (spec.scene + spec.varied.length + spec.states + 8);
+    const size = over + 8 * MANY * (spec.scene + spec.rows.plant[1] + spec.states + 1);
     const memory = new WebAssembly.Memory({ initial: Math.ceil(size / PAGE) + 1 });
     const instance = new WebAssembly.Instance(module, { env: {
       __linear_memory: memory,
@@ -65,6 +66,7 @@ class ClosedLoop {
     this.w = this.atW / 8;
     this.s = this.atS / 8;
     this.out = this.atOut / 8;
+    this.over = over / 8;
   }
 
   // The place of a row of a quantity in f.
@@ -197,5 +199,27 @@ class ClosedLoop {
     f.fill(time, t, t + lanes);
     this.call.leaf_scene(8 * t, 8 * q, 0, 8 * this.row("plant"), 8 * out, this.columns, this.columns);
     return Float64Array.from({ length: this.spec.scene }, (_, k) => f[out + k * lanes]);
+  }
+
+  // Some numbers of the scene over a table of two states, [which, values] each, at the others of a
+  // state: for each of the places `at`, row after row of the second one.
+  sceneOver(state, time, [i, xs], [j, ys], at) {
+    const { f, spec } = this, many = MANY, q = this.over, t = q + spec.states * many, p = t + many;
+    const [plant, parameters] = spec.rows.plant, out = p + parameters * many;
+    const total = xs.length * ys.length, tables = at.map(() => new Float64Array(total));
+    const fill = (row, value) => f.fill(value, row, row + many);
+    for (let k = 0; k < spec.states; k++) fill(q + k * many, state[k]);
+    fill(t, time);
+    for (let k = 0; k < parameters; k++) fill(p + k * many, f[this.w + plant + k * this.lanes]);
+    for (let k = 0; k < total; k += many) {
+      const count = Math.min(many, total - k);
+      for (let c = 0; c < count; c++) {
+        f[q + i * many + c] = xs[(k + c) % xs.length];
+        f[q + j * many + c] = ys[Math.floor((k + c) / xs.length)];
+      }
+      this.call.leaf_scene(8 * t, 8 * q, 0, 8 * p, 8 * out, BigInt(many), BigInt(many));
+      at.forEach((row, m) => tables[m].set(f.subarray(out + row * many, out + row * many + count), k));
+    }
+    return tables;
   }
 }

@@ -17,6 +17,12 @@ function short(value) {
   return text.replace("-", "\u2212");
 }
 
+// Dashes in widths of a line, on the canvas.
+function dashed(pattern, width) { return pattern.map((part) => part * width); }
+
+// Whether a shape is a vehicle with trailers, or one of these.
+function isBody({ role }) { return role === "vehicle" || role === "trailer"; }
+
 // The unit in which a number is read, and the factor to it: an angle is read in degrees.
 function shownUnit(unit) { return unit === "rad" ? ["deg", 180 / Math.PI] : [unit, 1]; }
 
@@ -104,6 +110,7 @@ class Plane {
     c.rect(view.left, view.top, view.right - view.left, view.bottom - view.top);
     c.clip();
     if (page.slice) this.set(page.slice);
+    this.levels(page.levelsOf(this));
     this.shapes(page.sceneNow, true);
     if (c === this.screen) this.layer(); else this.fan();
     this.shapes(page.sceneNow, false);
@@ -165,7 +172,7 @@ class Plane {
     const { page, look } = this, counts = {};
     for (const { outcome } of page.fan) counts[outcome] = (counts[outcome] || 0) + 1;
     const sorted = [...page.fan].sort((a, b) => counts[b.outcome] - counts[a.outcome]);
-    for (const path of sorted) this.line(path.xy, look.outcomes[path.outcome], 1, 0.55);
+    for (const path of sorted) this.line(path.xy, look.outcomes[path.outcome], 1, 0.55, look.dashesOf(path.outcome, 1.4));
     for (const path of sorted) if (path.left) this.cross(path.left, look.text);
   }
 
@@ -201,7 +208,7 @@ class Plane {
     let piece = [], mode = run.mode ? run.mode[0] : 0;
     const flush = () => {
       this.line(piece, look.page, 5.5);
-      this.line(piece, look.modes[mode % look.modes.length], 3);
+      this.line(piece, look.modes[mode % look.modes.length], 3, 1, dashed(look.dashes[mode % look.dashes.length], 2.4));
     };
     for (let k = 0; k < run.count; k++) {
       const x = run.state[k * n + i], y = run.state[k * n + j];
@@ -216,7 +223,31 @@ class Plane {
     }
   }
 
-  // Walls, targets, goals, views: `fill` draws the areas, which lie below the paths.
+  // What is forbidden and the goal, below everything, and the lines around them.
+  levels(shown) {
+    const { context: c, look } = this;
+    for (const { role, area } of shown) {
+      if (!area) continue;
+      c.fillStyle = role === "goal" ? look.goalArea : look.forbidden;
+      c.beginPath();
+      for (const [[x, y], ...others] of area) { c.moveTo(x, y); for (const p of others) c.lineTo(...p); c.closePath(); }
+      c.fill();
+    }
+    for (const { role, number, lines, flat, mark } of shown) {
+      if (!lines) continue;
+      const width = flat ? 1.6 : 1;
+      c.strokeStyle = role === "goal" ? look.goal : look.constraint; c.lineWidth = width;
+      c.setLineDash(dashed(role === "goal" ? GOAL_DASH : look.dashes[number % look.dashes.length], width));
+      for (const [[x, y], ...others] of lines) { c.beginPath(); c.moveTo(x, y); for (const p of others) c.lineTo(...p); c.stroke(); }
+      if (!mark) continue;
+      const [x, y] = mark;
+      c.setLineDash([]); c.lineWidth = 2.5;
+      c.beginPath(); c.moveTo(x - 7, y); c.lineTo(x + 7, y); c.moveTo(x, y - 7); c.lineTo(x, y + 7); c.stroke();
+    }
+    c.setLineDash([]);
+  }
+
+  // Walls, targets, goals, views, bodies: `fill` draws the areas, which lie below the paths.
   shapes(numbers, fill) {
     if (!numbers) return;
     const { context: c, look, page } = this;
@@ -232,7 +263,7 @@ class Plane {
         c.beginPath();
         c.ellipse(px, py, Math.max(v[2] * this.view.sx, 0), Math.max(v[2] * this.view.sy, 0), 0, 0, 2 * Math.PI);
         c.stroke(); c.setLineDash([]);
-      } else if ((kind === "Cone" || kind === "Footprint") && fill) {
+      } else if ((kind === "Cone" || kind === "Footprint") && fill !== isBody({ role })) {
         this.seen(kind, v, page.data.scene, at, numbers.length);
       }
     }
@@ -260,8 +291,9 @@ class Plane {
     c.beginPath();
     corners.forEach(([x, y], k) => { const p = this.at(x, y); if (k) c.lineTo(...p); else c.moveTo(...p); });
     c.closePath();
-    c.fillStyle = look.view; c.globalAlpha = 0.22; c.fill(); c.globalAlpha = 1;
-    c.strokeStyle = look.soft; c.lineWidth = 0.8; c.stroke();
+    const body = isBody(scene.find((s) => s.at === at));
+    c.fillStyle = body ? look.soft : look.view; c.globalAlpha = body ? 0.6 : 0.22; c.fill(); c.globalAlpha = 1;
+    c.strokeStyle = body ? look.text : look.soft; c.lineWidth = body ? 1.4 : 0.8; c.stroke();
   }
 
   vehicles() {

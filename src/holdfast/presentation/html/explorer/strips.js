@@ -1,6 +1,8 @@
 // Histories of the run: constraints, inputs and what the safety filter changed, over time.
 "use strict";
 
+const SAMPLE = 22; // of a line, beside its name
+
 class Strips {
   constructor(canvas, page) {
     this.canvas = canvas;
@@ -46,7 +48,7 @@ class Strips {
     const { context: c } = this, found = [{ text: group.title, x: left, row: 0 }];
     let x = left + c.measureText(group.title).width + 12, row = 0;
     for (const line of group.lines) {
-      const wide = 16 + c.measureText(line.name).width + 12;
+      const wide = SAMPLE + 4 + c.measureText(line.name).width + 12;
       if (x + wide > right && x > left) { x = left; row += 1; }
       found.push({ text: line.name, x, row });
       x += wide;
@@ -90,8 +92,9 @@ class Strips {
       }
       c.stroke(); c.setLineDash([]);
       const { x, row } = rows[number + 1], y = first + 16 * row;
-      c.fillStyle = line.colour; c.fillRect(x, y - 11, 12, 3);
-      c.fillStyle = look.text; c.fillText(line.name, x + 16, y - 4);
+      c.lineWidth = 2; c.setLineDash(line.dash || []);
+      c.beginPath(); c.moveTo(x, y - 10); c.lineTo(x + SAMPLE, y - 10); c.stroke(); c.setLineDash([]);
+      c.fillStyle = look.text; c.fillText(line.name, x + SAMPLE + 4, y - 4);
     });
   }
 
