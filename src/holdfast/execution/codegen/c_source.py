@@ -117,8 +117,13 @@ INCLUDES = """#if defined(__unix__) || defined(__APPLE__)
 def export_c_table(law: Law | Switching, path: str | Path) -> Path:
     """Write the table of the law, for what `export_c(..., table="file")` wrote.
 
+    path: of the file.
+
     Raises `DefinitionError` for a law without the table of a kernel, and `OutputError` where the
     file cannot be written.
+
+    >>> hf.export_c_table(hf.safety_law(cart, kernel, brake, ahead=False), "brake.bin")
+    PosixPath('brake.bin')
     """
     if law.lookup is None or isinstance(law.lookup, CellLookup):
         raise DefinitionError(
@@ -408,6 +413,9 @@ def export_c(
     header.
 
     Raises `DefinitionError` for a law that does not fit the system.
+
+    >>> print(hf.export_c(cart, brake, "brake").splitlines()[0])
+    /* brake, for cart. Made by holdfast 0.1.0.
     """
     return _file(system, law, name, table).text()
 
@@ -418,10 +426,14 @@ def export_c_header(
 ) -> str:
     """The header of the file that `export_c` writes for this law and name, for C and for C++.
 
-    It declares the sizes, the type NAME_state, NAME_parameters, NAME_start and NAME_step. A program
-    may include the headers of several laws whose names differ in more than upper and lower case.
+    name, table: as of `export_c`. It declares the sizes, the type NAME_state, NAME_parameters,
+    NAME_start and NAME_step. A program may include the headers of several laws whose names differ
+    in more than upper and lower case.
 
     Raises `DefinitionError` for a law that does not fit the system.
+
+    >>> "brake_step(" in hf.export_c_header(cart, brake, "brake")
+    True
     """
     return _file(system, law, name, table).header()
 

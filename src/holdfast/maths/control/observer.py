@@ -105,6 +105,10 @@ def observe(
 
     Raises `DefinitionError` for unknown names, a law that already has a memory, a time-varying
     system, or a quantity that the law reads and that moves none of the measured states.
+
+    >>> seen = hf.observe(gusty, brake, measured=["x"], bandwidth=5.0)
+    >>> hf.simulate(gusty, seen, starts=starts, horizon=8.0, disturbance={"d": 0.1})
+    <Result of 2 runs: 2 stayed>
     """
     names = tuple(system.state_names if measured is None else measured)
     for name in names:
@@ -430,6 +434,14 @@ def observe_set(
     measures, a time-varying system, a disturbance without finite bounds or that does not enter
     one measured state's rate alone with a constant coefficient, one that moves an unmeasured
     state, and a condition whose normal depends on what is not measured.
+
+    >>> boat = hf.systems.drifting_unicycle()
+    >>> ahead = hf.Law("ahead", boat.states, {"v": 0.2, "r": 0})
+    >>> seen = {"measured": ["x", "y", "psi"], "bandwidth": 2.0}
+    >>> errors = {"x": 0.01, "y": 0.01, "psi": 0.01}
+    >>> law = hf.observe_set(boat, ahead, **seen, error_bounds=errors)
+    >>> [q.name for q in law.memory.quantities][:4]
+    ['Vx_unmoved', 'Vx_doubt', 'Vx_low', 'Vx_high']
     """
     names = tuple(system.state_names if measured is None else measured)
     for name in (*names, *error_bounds):

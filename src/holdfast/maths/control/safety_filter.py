@@ -194,6 +194,10 @@ def in_order(filters: Sequence[Law]) -> Law:
 
     Raises `DefinitionError` for a law without a safety filter, more than one kernel, two filters
     with an inequality or a parameter of the same name, and more than six filters.
+
+    >>> both = hf.in_order([hf.safeguard(cart, brake, track), hf.safeguard(cart, brake, slow)])
+    >>> both.safeguard.levels
+    (2, 2)
     """
     if not 1 <= len(filters) <= MOST_LEVELS:
         raise DefinitionError(f"{len(filters)} filters", expected=f"1 to {MOST_LEVELS}")
@@ -296,6 +300,10 @@ def safeguard(
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball of more
     than three dimensions or by more actuators than inputs, a condition that is not affine in a
     disturbance of `worst` or not rational in an uncertain parameter, and invalid names or numbers.
+
+    >>> kept = hf.safeguard(cart, brake, track, gains=(1.0, 4.0))
+    >>> hf.simulate(cart, kept, starts=[[0.9, 0.3]], region=track, horizon=8.0)
+    <Result of 1 runs: 1 stayed>
     """
     gains = usual_gains(sample_time) if gains is None else gains
     pair = isinstance(gains, Sequence) and len(gains) == 2
@@ -566,6 +574,9 @@ def limit_rates(
 
     Raises `DefinitionError` for an unknown name, a number that is not above 0, and a state whose
     rate no input reaches, or not affinely.
+
+    >>> hf.limit_rates(cart, brake, {"a": 2.0}).memory.following
+    {'last_a': a}
     """
     check_outputs(system, law)
     if not rates:

@@ -40,6 +40,9 @@ def add_unmodelled(system: System, names: Sequence[str], bounds: Bounds) -> Syst
     force from the side, cannot, and a safety filter that knows it counts with it.
 
     Raises `DefinitionError` for unknown names, and bounds of another dimension.
+
+    >>> hf.add_unmodelled(cart, ["a"], hf.Box((-0.2,), (0.2,))).disturbance_names
+    ('unmodelled_a',)
     """
     chosen = tuple(names)
     inputs = {q.name: q for q in system.inputs}
@@ -98,6 +101,10 @@ def cancel_unmodelled(system: System, law: L) -> L:
     The law then reads w, which `observe` estimates: track velocities first, then cancel, then
     safeguard, then observe. Raises `DefinitionError` for a system without unmodelled parts of
     inputs, and for a law that does not give the inputs.
+
+    >>> waves = hf.add_unmodelled(cart, ["a"], hf.Box((-0.2,), (0.2,)))
+    >>> hf.cancel_unmodelled(waves, brake).outputs["a"]
+    -c*v - k*x - unmodelled_a
     """
     felt = {q.name.removeprefix(PREFIX): q for q in system.disturbances}
     felt = {n: q for n, q in felt.items() if n in system.input_names and q.name == PREFIX + n}

@@ -168,7 +168,11 @@ MARKS = {
 def histories_figure(result: Result, run: int = 0) -> Figure:
     """States by unit, actuators (or inputs), constraints by unit and signals of one run.
 
+    run: its number.
+
     Raises `OutputError` for an unknown run.
+
+    >>> hf.histories_figure(result, run=1).savefig("histories.png")
     """
     data = result.arrays
     if not 0 <= run < data.sizes["run"]:
