@@ -9,7 +9,7 @@ import re
 import sys
 from pathlib import Path
 from typing import Any
-from xml.ElementTree import Element
+from xml.etree.ElementTree import Element
 
 import griffe
 from markdown import Markdown
