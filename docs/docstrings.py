@@ -41,8 +41,9 @@ PLACES = {
     path.rpartition(".")[2]: path
     for page in sorted((Path(__file__).parent / "reference").glob("*.md"))
     for path in re.findall(r"^::: (\S+)$", page.read_text("utf-8"), re.M)
+    if not re.search(r"\.interop\..*\.[a-z]\w*$", path)  # words such as `plant` and `serve`
 }
-"""Every name of the reference, and what it is shown as there."""
+"""Names of the reference, and where each stands."""
 
 
 class Linked(Treeprocessor):

@@ -98,6 +98,13 @@ def test_pages_with_examples_say_what_they_begin_with():
             assert '--8<-- "docs/reference/begin.py"' in text, page
 
 
+def test_blocks_of_the_pages_run():
+    for page in PAGES:
+        for block in re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S):
+            if "--8<--" not in block:
+                exec(block, dict(beginning()))
+
+
 def arguments_of(thing):
     return [n for n in inspect.signature(thing).parameters if n not in ("self", "_")]
 
