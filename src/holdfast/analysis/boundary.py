@@ -666,8 +666,9 @@ def check_viability(
     """Evaluate the regulation map at random states of the boundary of a region.
 
     boundary: of that region. box: state -> (lowest, highest), in its unit; missing ones are 0.
-    count: of states. disturbance: as of `regulation_map`. A random ray from a random state of the
-    region is followed to its exit.
+    count: of states. disturbance: as of `regulation_map`.
+
+    A random ray from a random state of the region is followed to its exit.
 
     Raises `SimulationError` when the box holds no state of the region, or none of its rays leaves
     the region within the box.

@@ -83,10 +83,11 @@ class ServoPacket:
 def motion_line(motion: Motion) -> bytes:
     """The answer of the physics: a line of JSON, with a line end before and behind it.
 
-    motion: what is told. timestamp [s]; imu: gyro [rad/s], accel_body [m/s^2]; position [m];
-    attitude [rad]; velocity [m/s]; then what `Motion.others` holds. Numbers are written so that
-    they are read back to the bit. There are no spaces, because ArduPilot's reader takes none before
-    an array.
+    motion: what is told.
+
+    timestamp [s]; imu: gyro [rad/s], accel_body [m/s^2]; position [m]; attitude [rad]; velocity
+    [m/s]; then what `Motion.others` holds. Numbers are written so that they are read back to the
+    bit. There are no spaces, because ArduPilot's reader takes none before an array.
 
     Raises `SimulationError` for numbers that are not finite, and where the others name one of
     these.
@@ -111,7 +112,9 @@ def motion_line(motion: Motion) -> bytes:
 def read_motion(data: bytes) -> Motion:
     """The motion of an answer: of its last whole line, as ArduPilot takes it.
 
-    data: the bytes of an answer. With both an attitude and a quaternion the quaternion counts.
+    data: the bytes of an answer.
+
+    With both an attitude and a quaternion the quaternion counts.
 
     Raises `SimulationError` for an answer that lacks a field or holds something else than finite
     numbers in it.

@@ -55,10 +55,11 @@ def solve_parts(
     """The value of a problem from those of its parts, each on a grid of its own.
 
     decomposition: from `decompose`. box, nodes, ends: of all states of the parts, as for `grid`.
-    horizon [s]: of every march. options: of every march, see `viability_kernel`. A symmetry counts
-    where a part has one of its states, and samples where a part has no closed form. Where actuators
-    are predicted, the grid reaches over the box of the decomposition, within which states are kept,
-    by a cell at least; without a box by one cell.
+    horizon [s]: of every march. options: of every march, see `viability_kernel`.
+
+    A symmetry counts where a part has one of its states, and samples where a part has no closed
+    form. Where actuators are predicted, the grid reaches over the box of the decomposition, within
+    which states are kept, by a cell at least; without a box by one cell.
 
     Raises `SimulationError` as the problems do.
 

@@ -176,10 +176,13 @@ def parts_law(
 
     It is that of `safety_law` for the part, without `law` the optimal inputs without a game, with
     the part's states and inputs as functions of the whole: of predicted actuators u = k w + (1 - k)
-    a, with the choice w of the part. scales: input -> the change of it that counts as 1. options:
-    those of `safety_law`; its margin allows for everything that w and the actuators may do while u
-    is held. `sample_time` is checked for the optimal inputs too, if it is given. A filter keeps an
-    input that the part does not need within its bounds.
+    a, with the choice w of the part.
+
+    scales: input -> the change of it that counts as 1. options: those of `safety_law`; its margin
+    allows for everything that w and the actuators may do while u is held.
+
+    `sample_time` is checked for the optimal inputs too, if it is given. A filter keeps an input
+    that the part does not need within its bounds.
 
     Raises `SimulationError` for a value of several parts: these are systems of their own, whose
     laws are those of `safety_law`, and `PartsValue.inputs` gives the inputs of all of them; and for

@@ -373,7 +373,9 @@ class Controller(Remade):
 
     of: a scenario (`load_scenario`), whose kernel is computed if its law has one; or a system, with
     a law. law: of that system. sample_time [s]: by default that of the scenario or of the law's
-    certificate, else 0.02. It computes what `simulate` computes at every sample, bit for bit.
+    certificate, else 0.02.
+
+    It computes what `simulate` computes at every sample, bit for bit.
 
     Raises `DefinitionError` for a law that does not fit the system, `SimulationError` for a system
     without a law, a law beside that of a scenario, and a sample time that is not positive,

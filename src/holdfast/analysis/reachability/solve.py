@@ -370,9 +370,8 @@ def viability_kernel(
     region: to be kept; inside it l > 0. horizon [s]: of the march, which ends before it where the
     kernel has converged. options: those of `Marching`, and times [s]: the horizons that are kept,
     ascending; disturbance: name -> its number or expression; parameters: name -> value; start_time
-    [s]: for rates and regions of `TIME`; progress.
-
-    Raises `SimulationError` for what cannot be solved, and for a march that is unstable.
+    [s]: for rates and regions of `TIME`; progress. Raises `SimulationError` for what cannot be
+    solved, and for a march that is unstable.
 
     >>> safe = hf.viability_kernel(cart, hf.both(track, slow), nodes, 4.0, scheme="upwind")
     >>> safe.at([[0.0, 0.4], [0.95, 0.4]]) > 0
@@ -399,8 +398,8 @@ def discriminating_kernel(
 ) -> ValueFunction:
     """The states from which some input keeps the system in `region` whatever the disturbance does.
 
-    V_t + min{0, max_u min_d p . f} = 0, V(T) = l (thesis (7.6)). options: the arguments are those
-    of `viability_kernel`, which says what is raised.
+    V_t + min{0, max_u min_d p . f} = 0, V(T) = l (thesis (7.6)). options: as of
+    `viability_kernel`, which says what is raised.
 
     >>> hf.discriminating_kernel(gusty, track, nodes, 4.0).fraction() < kernel.fraction()
     True
@@ -417,8 +416,8 @@ def invariance_kernel(
 ) -> ValueFunction:
     """The states from which every input and every disturbance keeps the system in `region`.
 
-    V_t + min{0, min_u min_d p . f} = 0, V(T) = l. options: the arguments are those of
-    `viability_kernel`, which says what is raised.
+    V_t + min{0, min_u min_d p . f} = 0, V(T) = l. options: as of `viability_kernel`, which says
+    what is raised.
 
     >>> hf.invariance_kernel(cart, track, nodes, 0.5).fraction() < kernel.fraction()
     True
@@ -439,10 +438,9 @@ def backward_reachable_tube(
 ) -> ValueFunction:
     """The states from which some input brings the system to `target` within `horizon` seconds.
 
-    V_t + max{0, max_u opp_d p . f} = 0, V(T) = l_T. target: a `Region`. disturbances: "min" work
+    V_t + max{0, max_u opp_d p . f} = 0, V(T) = l_T. `backward_reachable_at` is the set of the
+    states that are there at the horizon itself. target: a `Region`. disturbances: "min" work
     against it, "max" help. options: as of `viability_kernel`, which says what is raised.
-
-    `backward_reachable_at` is the set of the states that are there at the horizon itself.
 
     >>> hf.backward_reachable_tube(cart, slow, nodes, 1.0).at([[0.0, 1.4], [0.0, 1.6]]) > 0
     array([ True, False])
@@ -516,12 +514,11 @@ def forward_reachable_set(
     """The states that some input, and some disturbance, can bring the system to from `start`.
 
     The forward reachable tube: the backward one of the reversed dynamics (thesis section 7.3). The
-    states are those at the end of the horizon, after leaving `start` at any time within it. start:
-    a `Region`. disturbances: "max" are at the choice of whoever wants to get there, "min" work
-    against it. options: as of `viability_kernel`, which says what is raised.
+    states are those at the end of the horizon, after leaving `start` at any time within it. The set
+    is an inner approximation (`report.approximation`): on a grid it leaves out what is thin.
 
-    The set is an inner approximation (`report.approximation`): on a grid it leaves out what is
-    thin.
+    start: a `Region`. disturbances: "max" are at the choice of whoever wants to get there, "min"
+    work against it. options: as of `viability_kernel`, which says what is raised.
 
     >>> hf.forward_reachable_set(cart, slow, nodes, 1.0).at([[0.0, 1.4], [0.0, 1.6]]) > 0
     array([ True, False])
@@ -546,10 +543,13 @@ def capture_basin(
     """The states from which some input reaches `goal` within `horizon` s, in `region` until then.
 
     The reach-avoid set. W = max_u max_tau min{ l_G(tau), min_{s <= tau} l_K(s) } solves min{ max{
-    W_t + H, l_G - W }, l_K - W } = 0; disturbances work against it. region: None for none.
-    arrival_steps: how many values over the horizon the least time, `arrival`, is taken from (100;
-    0: none). options: as of `viability_kernel`, which says what is raised. Where something depends
-    on time there is none: it would hold for one start only.
+    W_t + H, l_G - W }, l_K - W } = 0; disturbances work against it.
+
+    region: None for none. arrival_steps: how many values over the horizon the least time,
+    `arrival`, is taken from (100; 0: none). options: as of `viability_kernel`, which says what is
+    raised.
+
+    Where something depends on time there is none: it would hold for one start only.
 
     >>> basin = hf.capture_basin(cart, slow, track, nodes, 2.0)
     >>> basin.least_time([[0.0, 1.0]]).round(2)

@@ -367,13 +367,17 @@ def resting_state(
         maximise t   subject to   f(q, u, d(q)) = 0,   c_j(q) + t <= 0 for every j,   u in bounds
 
     A local solver (SLSQP, derivatives of the same expressions) begins at points of an even
-    sequence. searches: how many points. box: state -> (lowest, highest), where they are; unless
-    given [-1, 1] in SI units and a whole turn of an angle.
+    sequence.
+
+    searches: how many points. box: state -> (lowest, highest), where they are; unless given [-1, 1]
+    in SI units and a whole turn of an angle.
 
     The answer is verified by its own rates, constraints and bounds. It is the best of the local
     ones: another may exist, and none found does not prove that there is none. c_j of different
-    units count alike, 1 m as 1 rad. disturbance: name -> number, or expression of the states and
-    parameters (a field, such as an eddy); those left out are 0.
+    units count alike, 1 m as 1 rad.
+
+    disturbance: name -> number, or expression of the states and parameters (a field, such as an
+    eddy); those left out are 0.
 
     Raises `DefinitionError` for unknown names, rates, fields or constraints that depend on time, a
     region of other states, and inputs whose bounds are no half-spaces.
@@ -402,9 +406,11 @@ def resting_directions(
         d = speed (cos theta, sin theta),   theta = 2 pi k / count,   k = 0 ... count - 1
 
     d is the current along x and y, other disturbances are 0; of a system that says of none that it
-    is the current, its two disturbances. speed [m/s]: of the current. count: of directions. box,
-    searches: as of `resting_state`. Each search begins at the answer of the direction before it
-    too.
+    is the current, its two disturbances.
+
+    speed [m/s]: of the current. count: of directions. box, searches: as of `resting_state`.
+
+    Each search begins at the answer of the direction before it too.
 
     Raises `DefinitionError` for a system that has neither, and as `resting_state`.
 

@@ -299,8 +299,9 @@ def visibility_gains(
     `GainWindow.nearest`.
 
     k1 [1/s], softness [m], turn: of the laws. distance [m]: rd. range_max [m]: Ls. half_angle
-    [rad]: alpha. leader_speed [m/s]: uLM, 0 for a leader that stands. robot_radius [m]: r0. An
-    empty window gives the reason and the number to change.
+    [rad]: alpha. leader_speed [m/s]: uLM, 0 for a leader that stands. robot_radius [m]: r0.
+
+    An empty window gives the reason and the number to change.
 
     Raises `DefinitionError` for invalid numbers: Ls cos(alpha) <= rd, rd < 2 r0, an angle that is
     not between 0 and pi/2.

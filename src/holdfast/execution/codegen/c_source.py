@@ -405,12 +405,12 @@ def export_c(
     `NAME_step` takes the time [s], the measurements, what others hand the law (where it is the
     filter of a command: `handed`) and the parameters, writes the command of the law and the limited
     values of the actuators, and returns the mode. Its numbers are those of the compiled closed
-    loop, bit for bit, if the compiler keeps to IEEE 754 (without -ffast-math).
-    `slack` of the state is the relaxation of a safeguard at a sample: 0 if an input was admissible.
-    table: that of a kernel is in the "text", or in a "file", which `export_c_table` writes, and
-    NAME_load opens. `outside` of the state is 1 at a sample outside its grid.
-    Every name at file scope begins with NAME, or with its upper case. `export_c_header` gives the
-    header.
+    loop, bit for bit, if the compiler keeps to IEEE 754 (without -ffast-math). `slack` of the state
+    is the relaxation of a safeguard at a sample: 0 if an input was admissible. table: that of a
+    kernel is in the "text", or in a "file", which `export_c_table` writes, and NAME_load opens.
+
+    `outside` of the state is 1 at a sample outside its grid. Every name at file scope begins with
+    NAME, or with its upper case. `export_c_header` gives the header.
 
     Raises `DefinitionError` for a law that does not fit the system.
 
@@ -426,9 +426,10 @@ def export_c_header(
 ) -> str:
     """The header of the file that `export_c` writes for this law and name, for C and for C++.
 
-    name, table: as of `export_c`. It declares the sizes, the type NAME_state, NAME_parameters,
-    NAME_start and NAME_step. A program may include the headers of several laws whose names differ
-    in more than upper and lower case.
+    name, table: as of `export_c`.
+
+    It declares the sizes, the type NAME_state, NAME_parameters, NAME_start and NAME_step. A program
+    may include the headers of several laws whose names differ in more than upper and lower case.
 
     Raises `DefinitionError` for a law that does not fit the system.
 

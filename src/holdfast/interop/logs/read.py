@@ -28,9 +28,11 @@ from holdfast.maths.definitions.system import System
 def write_log(log: Log, path: str | Path) -> Path:
     """Write the states and inputs of a log as CSV, in SI units, with a column `time` [s].
 
-    log: a `Log`. path: of the file, which must not exist. A row for every time of any signal; a
-    signal that has no value then has an empty place. Times and values are written in full. Reading
-    counts the time from the first row on, and makes the repairs that a measurement needs.
+    log: a `Log`. path: of the file, which must not exist.
+
+    A row for every time of any signal; a signal that has no value then has an empty place. Times
+    and values are written in full. Reading counts the time from the first row on, and makes the
+    repairs that a measurement needs.
 
     Raises `OutputError` for a file that exists or cannot be written, and for a signal that is
     called `time`.

@@ -421,14 +421,15 @@ def observe_set(
     """`law` with a guaranteed set of the disturbance, which its safety filter counts as a whole.
 
     The law itself gets the middle of the set, and the model's values of the states that are not
-    measured. measured: names of states, by default all. bandwidth: w in 1/s, above 0.
-    error_bounds: state -> the largest error of its measurement, or of the model's value of a state
-    that is not measured, in its unit; 0 where left out, but above 0 where a disturbance is found
-    from the state. rate_bounds: disturbance -> the most by which what the vehicle feels of it
-    changes in a second, in its unit per second: with time, and with the place times the speed over
-    ground. One that is left out, or 0, is constant. The set is as true as these bounds and the
-    model. Memory: NAME_hat of other states, NAME_low and NAME_high of every disturbance, and what
-    they are found from.
+    measured. measured: names of states, by default all. bandwidth: w in 1/s, above 0. error_bounds:
+    state -> the largest error of its measurement, or of the model's value of a state that is not
+    measured, in its unit; 0 where left out, but above 0 where a disturbance is found from the
+    state. rate_bounds: disturbance -> the most by which what the vehicle feels of it changes in a
+    second, in its unit per second: with time, and with the place times the speed over ground. One
+    that is left out, or 0, is constant.
+
+    The set is as true as these bounds and the model. Memory: NAME_hat of other states, NAME_low and
+    NAME_high of every disturbance, and what they are found from.
 
     Raises `DefinitionError` for unknown names and invalid bounds, a law with a memory of what it
     measures, a time-varying system, a disturbance without finite bounds or that does not enter

@@ -34,10 +34,12 @@ def add_unmodelled(system: System, names: Sequence[str], bounds: Bounds) -> Syst
         state s: qdot_s = f_s(q, u, d) + w_s  w_s in the unit of the state, per second
 
     names: inputs and states; the disturbance of each is called unmodelled_NAME. bounds: what they
-    may be, in this order. They are zero in a simulation unless given: a constant, an expression of
-    time such as a wave, or a worst case. A kernel counts with all that the bounds admit. The part
-    of an input can be cancelled (`cancel_unmodelled`); one of a state without an input, such as a
-    force from the side, cannot, and a safety filter that knows it counts with it.
+    may be, in this order.
+
+    They are zero in a simulation unless given: a constant, an expression of time such as a wave, or
+    a worst case. A kernel counts with all that the bounds admit. The part of an input can be
+    cancelled (`cancel_unmodelled`); one of a state without an input, such as a force from the side,
+    cannot, and a safety filter that knows it counts with it.
 
     Raises `DefinitionError` for unknown names, and bounds of another dimension.
 

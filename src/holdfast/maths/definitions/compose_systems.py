@@ -103,10 +103,13 @@ def seen_from(
 
         (x, y) = R(-theta_L) (r_F - r_L),   beta = theta_F - theta_L
 
-    Both are planar vehicles of three states. leader_pose, follower_pose: of each the names of its
-    place and heading, (x, y, theta). pose: the names of x, y and beta. leader, follower: systems
-    with no name in common. The rates are derived from theirs: differentiated, and written in x, y
-    and beta, which must be possible whatever the leader's pose.
+    Both are planar vehicles of three states.
+
+    leader_pose, follower_pose: of each the names of its place and heading, (x, y, theta). pose: the
+    names of x, y and beta. leader, follower: systems with no name in common.
+
+    The rates are derived from theirs: differentiated, and written in x, y and beta, which must be
+    possible whatever the leader's pose.
 
     Raises `DefinitionError` where it is not.
 

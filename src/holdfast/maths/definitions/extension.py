@@ -144,9 +144,10 @@ def promote(
 
     states: those that become inputs. bounds: of the new inputs; None for none. disturbances: states
     that become disturbances, listed before the existing ones. disturbance_bounds: of these.
-    `steady_bounds` gives the `bounds` that the former inputs can hold. The subsystem Sigma_1 of
-    section 5.4.2 is promote(marine_vehicle, ("u", "r")); (7.4) of the thesis has the sway velocity
-    "v" as a disturbance too.
+    `steady_bounds` gives the `bounds` that the former inputs can hold.
+
+    The subsystem Sigma_1 of section 5.4.2 is promote(marine_vehicle, ("u", "r")); (7.4) of the
+    thesis has the sway velocity "v" as a disturbance too.
 
     Raises `DefinitionError` for an unknown state, or when a remaining rate contains an old input.
 
@@ -191,8 +192,10 @@ def promote(
 def subsystem(system: System, states: tuple[str, ...]) -> System:
     """The subsystem of these states, whose rates do not depend on the others.
 
-    states: the names of those that stay. (7.5) of the thesis is the subsystem of ("u", "v", "r").
-    Disturbances that no remaining rate depends on are left out.
+    states: the names of those that stay.
+
+    (7.5) of the thesis is the subsystem of ("u", "v", "r"). Disturbances that no remaining rate
+    depends on are left out.
 
     Raises `DefinitionError` for an unknown state, and for a rate that depends on a state that is
     left out.
@@ -253,10 +256,14 @@ def dynamic_extension(
         q' = f(q, u),   u' = u_rate
 
     With a velocity as input its rate is an acceleration, with a force it is how fast an actuator
-    acts. inputs: their names. rates: the bounds of the new inputs, in the unit of the input per
-    second; None for none. A region may then constrain u, and f too, such as an acceleration. The
-    bounds that u had do not bound the new inputs: `input_limits` gives them as constraints of the
-    state, which belong in the region.
+    acts.
+
+    inputs: their names. rates: the bounds of the new inputs, in the unit of the input per second;
+    None for none.
+
+    A region may then constrain u, and f too, such as an acceleration. The bounds that u had do not
+    bound the new inputs: `input_limits` gives them as constraints of the state, which belong in the
+    region.
 
     Raises `DefinitionError` for an unknown input, and where the others are not free of those that
     are extended.
@@ -375,6 +382,7 @@ def lagged(
 
     lag: input, or actuator such as a thruster -> T_i [s], above 0; slew: the same -> R_i [its unit
     per second]. Without both, those that the system declares: parameters NAME_lag and NAME_slew.
+
     a_i is the state actual_NAME, 0 at the start unless given. The inputs keep their names and
     bounds, so that a law or a filter of `system` runs on the lagged system as it is; a law derived
     from the lagged system itself would know the lag.

@@ -133,8 +133,9 @@ class Region(Printed):
     """K = { q : c_j(q) <= 0 for every j } (thesis (5.4), with its parameters).
 
     reads: the states that the inequalities use. inequalities: each an `Inequality`, c_j.
-    parameters: what they use besides. scene: the shapes to draw. A moving region, whose
-    inequalities depend on `TIME`, is for kernels and reachable sets.
+    parameters: what they use besides. scene: the shapes to draw.
+
+    A moving region, whose inequalities depend on `TIME`, is for kernels and reachable sets.
 
     Raises `DefinitionError` without an inequality, for two of the same name, and for an expression
     of undeclared names.

@@ -100,9 +100,10 @@ def joined(one: Memory | None, other: Memory) -> Memory:
 class Transition(Value):
     """source -> target as soon as `when` >= 0.
 
-    source, target: names of modes. when: an expression of what the laws read. Hysteresis is a pair
-    of transitions whose expressions are offset against each other; a minimum dwell is a guard that
-    contains `TIME_IN_MODE`.
+    source, target: names of modes. when: an expression of what the laws read.
+
+    Hysteresis is a pair of transitions whose expressions are offset against each other; a minimum
+    dwell is a guard that contains `TIME_IN_MODE`.
 
     >>> hf.Transition("coast", "brake", abs(x) - 0.5).when
     magnitude(x) - 0.5

@@ -181,8 +181,10 @@ class PfaffianRow(Value):
     """One constraint on the velocities: sum_i coefficients[i] * qdot_i = rhs.
 
     coefficients: state -> the factor of its rate; 0 where it is left out. rhs: an expression of
-    states, disturbances and parameters. Catastatic when rhs is zero (thesis (5.2)); a current or a
-    sway velocity makes it acatastatic (5.15).
+    states, disturbances and parameters.
+
+    Catastatic when rhs is zero (thesis (5.2)); a current or a sway velocity makes it acatastatic
+    (5.15).
 
     >>> robot.pfaffian[0].coefficients["x"]
     -sin(psi)

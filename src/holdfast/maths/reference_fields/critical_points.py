@@ -76,8 +76,10 @@ class CriticalPoint:
 def classify(field: Field, point: Sequence[sp.Expr | float] | None = None) -> CriticalPoint:
     """Sectors, index and kind of a planar field at one of its zeros, the origin by default.
 
-    point: where it is zero. First for every value of the parameters above their limits, then, where
-    a sign depends on it, at their values. A point given in decimals is classified by its Jacobian.
+    point: where it is zero.
+
+    First for every value of the parameters above their limits, then, where a sign depends on it, at
+    their values. A point given in decimals is classified by its Jacobian.
 
     Raises `DefinitionError` where the field is not planar, not smooth, not zero there, or where its
     leading part does not decide.
@@ -475,8 +477,9 @@ MOST_PLANES = 1000
 def plane_by_plane(field: Field, count: int = 3, seed: int = 0) -> PlaneByPlane:
     """The critical point at the origin, classified in planes through p.
 
-    count: of planes. The first plane is a standard one, the others are drawn at random from integer
-    directions.
+    count: of planes.
+
+    The first plane is a standard one, the others are drawn at random from integer directions.
 
     Raises `DefinitionError` where a plane through p is not invariant, so that no planar picture
     exists.

@@ -68,10 +68,11 @@ def critical_points(
 ) -> Zeros:
     """The zeros of a field, classified where it is planar.
 
-    box: (lowest, highest) of each coordinate, in its unit. Polynomials: resultants, all real zeros.
-    Fields whose part across p vanishes on lines only: monotony along those lines, all real zeros.
-    Otherwise Newton's method from a grid over `box`, which excludes no other zero. In N > 2
-    dimensions the field must be axially symmetric.
+    box: (lowest, highest) of each coordinate, in its unit.
+
+    Polynomials: resultants, all real zeros. Fields whose part across p vanishes on lines only:
+    monotony along those lines, all real zeros. Otherwise Newton's method from a grid over `box`,
+    which excludes no other zero. In N > 2 dimensions the field must be axially symmetric.
 
     Raises `DefinitionError` where zeros are not isolated.
 
@@ -297,9 +298,10 @@ def loop_exponent(field: Field) -> sp.Expr | None:
 def flow_line(field: Field, start: Sequence[sp.Expr | float]) -> FlowLine:
     """The flow line through a start x0, at the values of the parameters.
 
-    start: x0, in the unit of the coordinates. A start on the axis of p gives one of the two
-    half-lines, any other a loop; a start in decimals gives numbers of 20 digits in place of exact
-    ones.
+    start: x0, in the unit of the coordinates.
+
+    A start on the axis of p gives one of the two half-lines, any other a loop; a start in decimals
+    gives numbers of 20 digits in place of exact ones.
 
     Raises `DefinitionError` for x0 = 0, a wrong dimension, or a field whose lines are not loops.
 
@@ -358,8 +360,10 @@ def exact_flow(field: Field, start: Sequence[sp.Expr | float], time: sp.Expr | f
 
         y = x/|x|^2,   y(t) = y(0) - p t
 
-    start [m]: x0. time [s]: t; p is then in 1/(m s). A start on the axis with p . x0 > 0 reaches
-    infinity at t = 1/(|p| |x0|), one with p . x0 < 0 has come from there at minus that time.
+    start [m]: x0. time [s]: t; p is then in 1/(m s).
+
+    A start on the axis with p . x0 > 0 reaches infinity at t = 1/(|p| |x0|), one with p . x0 < 0
+    has come from there at minus that time.
 
     Raises `DefinitionError` at and beyond these times, for x0 = 0, and for any other field.
 

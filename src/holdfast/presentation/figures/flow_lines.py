@@ -46,10 +46,12 @@ def flow_lines_figure(field: Field, *, reach: float = 1.0, planes: int = 4) -> F
     """The flow lines of a field around the origin.
 
     reach: how far from the origin, in the unit of the coordinates. planes: of a field in three
-    dimensions, how many planes through p. Planar: closed forms if they exist, otherwise
-    streamlines; sectors are shaded about each critical point, out to the edge if the portrait is
-    the same at every scale. Three dimensions: loops in these planes. More dimensions, or no closed
-    form: the portrait in one plane through p, which is the same in all.
+    dimensions, how many planes through p.
+
+    Planar: closed forms if they exist, otherwise streamlines; sectors are shaded about each
+    critical point, out to the edge if the portrait is the same at every scale. Three dimensions:
+    loops in these planes. More dimensions, or no closed form: the portrait in one plane through p,
+    which is the same in all.
 
     Raises `OutputError` for a reach that is not above 0, and for less than one plane.
 

@@ -318,7 +318,9 @@ def _arrival(value: ValueFunction, held: Mapping[str, float]) -> Array:
 def regulation_map_figure(found: RegulationMap) -> Figure:
     """The bounds of the inputs, the edge of every active condition, and the regulation map.
 
-    found: a regulation map. An arrow at each edge points to the inputs that its condition allows.
+    found: a regulation map.
+
+    An arrow at each edge points to the inputs that its condition allows.
 
     Raises `OutputError` unless there are two inputs with bounds.
 
@@ -399,9 +401,11 @@ def optimal_input_figure(
 
     inputs: name -> the input at the nodes of the plane; velocity: the rates of the plane's two
     states there, in their units per second. Every array has the shape (nodes of the first state,
-    nodes of the second), with NaN at empty places. An arrow is the displacement in the time that
-    the legend gives. plane, at, others, scene, parameters: as in `value_function_figure`; all
-    states outside the plane are fixed by `at`. Thesis figures 7.10 and 7.11.
+    nodes of the second), with NaN at empty places.
+
+    An arrow is the displacement in the time that the legend gives. plane, at, others, scene,
+    parameters: as in `value_function_figure`; all states outside the plane are fixed by `at`.
+    Thesis figures 7.10 and 7.11.
 
     Raises `OutputError` for a state that is neither drawn nor fixed and for arrays of other shapes.
 

@@ -27,8 +27,10 @@ class LinearImage(Bounds):
     """{ M a : a in `of` }, e.g. force and moment from two thrusters.
 
     matrix: M, of numbers or expressions of parameters; it has full row rank. of: the set of a, a
-    `Box`. actuators: the names of the coordinates a. A given u is produced by the least-squares
-    allocation a = M^T (M M^T)^-1 u, and saturated actuator by actuator.
+    `Box`. actuators: the names of the coordinates a.
+
+    A given u is produced by the least-squares allocation a = M^T (M M^T)^-1 u, and saturated
+    actuator by actuator.
 
     Raises `DefinitionError` for rows that depend on each other, and for another number of columns
     or of names than coordinates.
