@@ -24,6 +24,8 @@ INLINE = (
     *("mkdocs-autorefs", "autolink", "automail", "html", "em_strong", "em_strong2"),
 )
 """What Markdown reads in a line that no docstring means."""
+BLOCKS = ("reference", "quote", "hashheader", "setextheader", "hr")
+"""What it reads at the beginning of a line that no docstring means, as in "> 0"."""
 
 
 class AsWritten(Extension):
@@ -33,7 +35,8 @@ class AsWritten(Extension):
         for name in INLINE:
             md.inlinePatterns.deregister(name, strict=False)
         md.preprocessors.deregister("html_block")
-        md.parser.blockprocessors.deregister("reference")
+        for name in BLOCKS:
+            md.parser.blockprocessors.deregister(name)
         md.treeprocessors.register(Linked(md), "linked", 5)
 
 
