@@ -6,7 +6,6 @@ import math
 import re
 import tomllib
 from pathlib import Path
-from pydoc import locate
 
 import numpy as np
 import pytest
@@ -114,11 +113,6 @@ def test_site_has_every_page_and_the_reference_every_name():
     known = set(re.findall(r"^::: holdfast\.(\S+)$", reference, re.M))
     catalogue = {"fields", "laws", "regions", "systems"}
     assert set(hf.__all__) - catalogue - {"__version__"} <= known
-    entries = {f"maths.catalogue.{k}.{f.__name__}" for k in catalogue for f in getattr(hf, k).ALL}
-    assert entries <= known
-    others = {n for n in known if not n.startswith("interop.")}
-    unknown = [n for n in others if n not in hf.__all__ and locate(f"holdfast.{n}") is None]
-    assert not unknown
 
 
 EQUATIONS = {2: 21, 3: 11, 4: 40, 5: 41, 6: 25, 7: 7}

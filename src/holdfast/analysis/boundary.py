@@ -316,9 +316,14 @@ def _hull(system: System, corners: Array) -> tuple[Array, Array]:
 class Boundary:
     """Viability conditions of a region: compiled once, evaluated at many states.
 
-    `parameters` replaces values of parameters by name; a constraint within `tolerance` of 0
-    is active. Raises `DefinitionError` for constraints whose relative degree is above 2, and
-    for inputs bounded by a ball.
+    parameters: name -> value, in place of those of the system and the region. tolerance [unit of
+    the constraint]: a constraint this near 0 is active.
+
+    Raises `DefinitionError` for constraints whose relative degree is above 2, and for inputs
+    bounded by a ball.
+
+    >>> hf.Boundary(cart, track).regulation_map([1.0, -0.2]).empty
+    False
     """
 
     def __init__(
@@ -579,9 +584,16 @@ def regulation_map(
     disturbance: Mapping[str, float] | str = "none",
     gains: tuple[float, float] | None = None,
 ) -> RegulationMap:
-    """The inputs that keep `state` inside `region`: see `Boundary` and its `regulation_map`.
+    """The inputs that keep a state inside `region`: see `Boundary` and its `regulation_map`.
 
-    For many states build one `Boundary` and reuse it.
+    For many states build one `Boundary` and reuse it. state: shape (states,). parameters,
+    tolerance: as of `Boundary`. disturbance: name -> value, "none" for 0, or "worst". gains [1/s]:
+    of constraints of relative degree two. Raises `DefinitionError` and `SimulationError` as
+    `Boundary` does.
+
+    >>> hf.regulation_map(cart, slow, [0.0, 0.5]).vertices
+    array([[-1.],
+           [-0.]])
     """
     boundary = Boundary(system, region, parameters=parameters, tolerance=tolerance)
     return boundary.regulation_map(state, disturbance=disturbance, gains=gains)
@@ -596,7 +608,13 @@ def contingent_cone(
     parameters: Mapping[str, float] | None = None,
     tolerance: float = 1e-6,
 ) -> ContingentCone:
-    """The velocities that keep `state` inside `region`: see `Boundary.contingent_cone`."""
+    """The velocities that keep a state inside `region`: see `Boundary.contingent_cone`.
+
+    state: shape (states,). parameters, tolerance: as of `Boundary`.
+
+    >>> hf.contingent_cone(cart, slow, [0.0, 0.5]).active
+    ('fast',)
+    """
     boundary = Boundary(system, region, parameters=parameters, tolerance=tolerance)
     return boundary.contingent_cone(state)
 
@@ -645,11 +663,18 @@ def check_viability(
     seed: int = 0,
     disturbance: Mapping[str, float] | str = "none",
 ) -> ViabilityCheck:
-    """Evaluate the regulation map at `count` random states of the boundary within `box`.
+    """Evaluate the regulation map at random states of the boundary of a region.
 
-    `box` maps states to (lowest, highest); missing ones are 0. A random ray from a random
-    state of the region is followed to its exit. Raises `SimulationError` when the
-    box holds no state of the region, or none of its rays leaves the region within the box.
+    boundary: of that region. box: state -> (lowest, highest), in its unit; missing ones are 0.
+    count: of states. disturbance: as of `regulation_map`.
+
+    A random ray from a random state of the region is followed to its exit.
+
+    Raises `SimulationError` when the box holds no state of the region, or none of its rays leaves
+    the region within the box.
+
+    >>> hf.check_viability(hf.Boundary(cart, slow), {"x": (-1, 1), "v": (-1, 1)}, count=10).share
+    1.0
     """
     names = boundary.system.state_names
     if not (isinstance(count, int) and count >= 1):

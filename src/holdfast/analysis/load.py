@@ -66,6 +66,10 @@ def load(
 
     Files of older formats are read too. Raises `OutputError` if the file is damaged, is not one of
     from holdfast, has a newer format than this version knows, or lacks variables.
+
+    >>> _ = result.save("result.nc")
+    >>> hf.load("result.nc")
+    <Result of 2 runs: 1 stayed, 1 left region>
     """
     if lazy is not None and not isinstance(lazy, bool):
         raise OutputError(f"lazy is {lazy!r}", expected="True, False or None")

@@ -43,7 +43,11 @@ LARGEST = 0xFFFF
 
 @dataclass(frozen=True)
 class ServoPacket:
-    """uint16 magic, uint16 frame_rate [Hz], uint32 frame_count, uint16 pwm[16 or 32] [us]."""
+    """uint16 magic, uint16 frame_rate [Hz], uint32 frame_count, uint16 pwm[16 or 32] [us].
+
+    frame_rate [Hz]: of the frames. frame_count: of this one. pwm [us]: the pulse of each of 16 or
+    32 channels.
+    """
 
     frame_rate: int
     frame_count: int
@@ -79,10 +83,14 @@ class ServoPacket:
 def motion_line(motion: Motion) -> bytes:
     """The answer of the physics: a line of JSON, with a line end before and behind it.
 
+    motion: what is told.
+
     timestamp [s]; imu: gyro [rad/s], accel_body [m/s^2]; position [m]; attitude [rad]; velocity
     [m/s]; then what `Motion.others` holds. Numbers are written so that they are read back to the
-    bit. There are no spaces, because ArduPilot's reader takes none before an array. Raises
-    `SimulationError` for numbers that are not finite, and where the others name one of these.
+    bit. There are no spaces, because ArduPilot's reader takes none before an array.
+
+    Raises `SimulationError` for numbers that are not finite, and where the others name one of
+    these.
     """
     if taken := [name for name in motion.others if name in FIELDS]:
         raise SimulationError(f"'{taken[0]}' is a field of the motion itself")
@@ -104,8 +112,12 @@ def motion_line(motion: Motion) -> bytes:
 def read_motion(data: bytes) -> Motion:
     """The motion of an answer: of its last whole line, as ArduPilot takes it.
 
-    With both an attitude and a quaternion the quaternion counts. Raises `SimulationError` for an
-    answer that lacks a field or holds something else than finite numbers in it.
+    data: the bytes of an answer.
+
+    With both an attitude and a quaternion the quaternion counts.
+
+    Raises `SimulationError` for an answer that lacks a field or holds something else than finite
+    numbers in it.
     """
     try:
         lines = [line for line in data.decode().split("\n") if line.strip(" \r\0")]
@@ -334,10 +346,11 @@ class Physics:
     address, is a new start of the autopilot, and the vehicle begins at `start`. Where counts are
     missing the vehicle makes one step all the same, and they are counted.
 
-    system: with a pose, see `PlanarMotion`, whose arguments pose, twist and bearing are. start: its
-    states, by default 0. servos: actuator -> channel, or `Servo`; by default those of a
-    skid-steered boat, port 1 and starboard 3, over their limits. disturbance: constant values by
-    name, else 0. also: more fields of the answer (rangefinders, wind), of the time and the states.
+    system: with a pose. pose, twist, bearing: as of `PlanarMotion`. substeps: Runge-Kutta steps of
+    a frame. start: its states, by default 0. servos: actuator -> channel, or `Servo`; by default
+    those of a skid-steered boat, port 1 and starboard 3, over their limits. disturbance: constant
+    values by name, else 0. also: more fields of the answer (rangefinders, wind), of the time and
+    the states.
 
     Raises `SimulationError` and `DefinitionError` for a system that does not fit, and in `answer`
     where the vehicle diverges.
@@ -464,8 +477,10 @@ def serve(
 ) -> Counts:
     """Answer the packets that arrive at a port, until Ctrl-C or SIGTERM; what was received.
 
-    say: is told, as a sentence, of a first frame, of new starts, and of what was missed or refused.
-    ready: is told the port when it is bound (0 is any free one). frames: end after so many steps.
+    physics: what answers. host, port: where it listens. say: is told, as a sentence, of a first
+    frame, of new starts, and of what was missed or refused. ready: is told the port when it is
+    bound (0 is any free one). frames: end after so many steps.
+
     Raises `SimulationError` for a port in use, and where the vehicle diverges.
     """
     tell, last = say or _silent, -float("inf")
@@ -512,9 +527,9 @@ def _silent(news: str) -> None:
 class Autopilot(Closing):
     """Sends servo packets and takes the answers, as ArduPilot's simulator does, in lockstep.
 
-    rate [Hz]: what the physics is asked to step by, 1 to 65535. channels: 16 or 32. resend [s]: a
-    packet that has no answer is sent again (ArduPilot: after 1 s). patience [s]: after that `frame`
-    raises. Used in a `with`, or `close` it.
+    host, port: where the physics listens. rate [Hz]: what the physics is asked to step by, 1 to
+    65535. channels: 16 or 32. resend [s]: a packet that has no answer is sent again (ArduPilot:
+    after 1 s). patience [s]: after that `frame` raises. Used in a `with`, or `close` it.
 
     restarts: how often the physics began anew: its time fell. ignored: answers that were there
     already. resent: packets that were sent again.

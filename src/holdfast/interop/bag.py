@@ -25,9 +25,10 @@ def write_bag(
 ) -> Path:
     """Every run as topics /run_K/odometry (nav_msgs/Odometry) and /run_K/mode (std_msgs/Int32).
 
-    pose: the states that are x, y [m] and the heading [rad] (about z, REP 103); twist: surge and
-    sway velocity [m/s] and yaw rate [rad/s] in the vehicle's frame, 0 for None or an unknown state.
-    Stamps are the time of the run. The bag is a folder; it must not exist.
+    path: of the bag, a folder; it must not exist. runs: the numbers of the runs, by default all.
+    frame: the name of the fixed frame. pose: the states that are x, y [m] and the heading [rad]
+    (about z, REP 103); twist: surge and sway velocity [m/s] and yaw rate [rad/s] in the vehicle's
+    frame, 0 for None or an unknown state. Stamps are the time of the run.
 
     Raises `OutputError` for a folder that exists or cannot be written, and for states that the
     result does not have.

@@ -88,7 +88,9 @@ def sampled_loop(
     `initial_mode` of the result) and the seconds in it; all but the states of the system and the
     mode start at 0. Inputs are the disturbances, held for a sample. Outputs are the states of the
     system, its inputs, with a safeguard the unfiltered request `nominal_INPUT` and the `slack`, and
-    last the mode. The steps are those of `simulate`: classical Runge-Kutta, `substeps` per sample.
+    last the mode.
+
+    sample_time [s]: dt. substeps: classical Runge-Kutta steps in a sample, as in `simulate`.
 
     Raises `SimulationError` for invalid times.
     """

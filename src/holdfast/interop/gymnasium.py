@@ -24,12 +24,13 @@ class Environment(gymnasium.Env[Array, Array]):
     """The plant, sampled: an action is held for `sample_time` [s], an observation is the state.
 
     An action is a number from -1 (least value) to 1 (largest value) for every actuator (thruster,
-    or input). An episode ends
-    when the region is left (reward -1) or the goal is entered (reward +1), and is truncated at
-    `horizon` [s]; before that the reward is 0. box: state -> (low, high) of the starts, uniform,
-    in the region; states left out start at 0. disturbance: constant values by name, else 0.
-    `info["constraints"]` are the c_j, safe where <= 0. A sample takes `substeps` classical
-    Runge-Kutta steps; an exit from the region is detected after each.
+    or input). An episode ends when the region is left (reward -1) or the goal is entered (reward
+    +1), and is truncated at `horizon` [s]; before that the reward is 0.
+
+    box: state -> (low, high) of the starts, uniform, in the region; states left out start at 0.
+    disturbance: constant values by name, else 0. `info["constraints"]` are the c_j, safe where <=
+    0. substeps: classical Runge-Kutta steps in a sample; an exit from the region is detected after
+    each.
 
     Raises `DefinitionError` for inputs without a least and a largest value, for unknown names, and
     if no start is found in the region.
@@ -135,13 +136,15 @@ class Environment(gymnasium.Env[Array, Array]):
 class Filtered(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Any environment, with a safety filter (shield) between the agent and its actions.
 
-    keep: the filter. state: what `keep.step` takes as the state, from an observation. command: its
-    command, from an action. action: the action that applies a decision; of `input`, or of
-    `actuators`. All three have defaults for an `Environment` of the filter's system. disturbance:
-    what the filter measures, from an observation.
+    env: any environment of Gymnasium. keep: the filter. state: what `keep.step` takes as the state,
+    from an observation. command: its command, from an action. action: the action that applies a
+    decision; of `input`, or of `actuators`. All three have defaults for an `Environment` of the
+    filter's system. disturbance: what the filter measures, from an observation.
 
     `info["decision"]` of a step is the decision, and `info["overruled"]` whether the action was
     changed to stay inside. With an action that is not finite the environment gets the fallback.
+
+    Raises `DefinitionError` for samples of another length than those of the filter.
     """
 
     def __init__(

@@ -298,8 +298,11 @@ def march_cluster(address: str, *, exchange: str = "auto") -> Iterator[MarchClus
     """The cluster of the scheduler at an address, for the option `cluster` of a march.
 
     Every worker holds a part of the grid, cut along its first axis, in its own memory, and computes
-    it with its threads. exchange: of the planes that neighbours read, after every "stage" or every
-    "step"; "auto" compares the messages saved with the planes that are then computed twice.
+    it with its threads.
+
+    address: of the scheduler, such as "tcp://10.0.0.1:8786". exchange: of the planes that
+    neighbours read, after every "stage" or every "step"; "auto" compares the messages saved with
+    the planes that are then computed twice.
 
     A worker that is lost costs what has been done since the last checkpoint, or the whole march
     where there is none: the march goes on with the others, or with a new one that has registered

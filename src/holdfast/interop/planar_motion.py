@@ -26,10 +26,10 @@ Triple = tuple[float, float, float]
 class Motion:
     """What an autopilot is told of a vehicle's motion.
 
-    t [s]. position [m] and velocity over ground [m/s]: north, east, down. attitude [rad]: roll,
-    pitch, yaw, the last clockwise from north. gyro [rad/s] and accel [m/s^2]: forward, right,
-    down, as a gyroscope and an accelerometer show them (specific force: at rest 0, 0, -9.80665).
-    others: what else a message said.
+    t [s]: when. position [m]: north, east, down. velocity [m/s]: over ground, north, east, down.
+    attitude [rad]: roll, pitch, yaw, the last clockwise from north. gyro [rad/s], accel [m/s^2]:
+    forward, right, down, as a gyroscope and an accelerometer show them (specific force: at rest 0,
+    0, -9.80665). others: what else a message said.
     """
 
     t: float

@@ -41,15 +41,21 @@ def obstacles(
 
         clearance - d_j(x, y) <= 0,    n_k . ((x, y) - a_k) + clearance <= 0
 
-    d_j [m] is the signed distance to a convex polygon, negative inside it; its derivatives are
-    those of the nearest side or corner. n_k is the outward normal of side k of the room. polygons:
-    name -> corners (x, y) [m], in order, not closed; one that is not convex becomes several convex
-    ones, NAME_1 and on, so that in a notch all sides are kept away from. room: the corners of a
-    polygon to stay in; what it lacks to its convex hull are obstacles too. clearance [m]: a radius
-    of the vehicle, the parameters clearance_NAME. position: the states that are the place.
+    Here d_j [m] is the signed distance to a convex polygon, negative inside it; its derivatives are
+    those of the nearest side or corner. n_k is the outward normal of side k of the room. system:
+    the vehicle, in whose unit of length all is. polygons: name -> corners (x, y) [m], in order, not
+    closed; one that is not convex becomes several convex ones, NAME_1 and on, so that in a notch
+    all sides are kept away from. room: the corners of a polygon to stay in; what it lacks to its
+    convex hull are obstacles too. clearance [m]: a radius of the vehicle, the parameters
+    clearance_NAME. position: the states that are the place.
 
     Raises `DefinitionError` for an unknown state, fewer than three corners, corners that are not
     finite, sides that cross or have no length, and a clearance below 0.
+
+    >>> pier = {"pier": [(1, -1), (2, -1), (2, 1), (1, 1)]}
+    >>> harbour = hf.obstacles(robot, pier, clearance=0.3)
+    >>> harbour.inequality_names
+    ('pier',)
     """
     states = {q.name: q for q in system.states}
     for name in position:

@@ -109,14 +109,18 @@ def _parts(value: object) -> Sequence[object] | None:
 def load_scenario(
     name: str, overrides: Overrides = (), runs: int | None = None, seed: int | None = None
 ) -> Any:
-    """The scenario of that name or file, with overrides "key=value" or {"key": value}.
+    """The scenario of that name or file.
 
     A `Scenario` of closed loops, a `KernelScenario`, or what another kind composes; `run` gives its
-    answer. `runs` sets how many starts are used: the given states first, then random ones; of a
-    kernel, how many states its promise is tried from.
+    answer. name: of a shipped scenario, or the path of a file. overrides: texts "key=value", with a
+    unit where the file may have one, or a table {"key": value}. runs: how many starts are used: the given states first, then random
+    ones; of a kernel, how many states its promise is tried from.
 
     Raises `ScenarioError` naming the file, the key, what was got and what is allowed, and for the
     override of a number that nothing depends on.
+
+    >>> hf.load_scenario("ch2-unicycle", ["run.horizon=2"], runs=2).run()
+    <Result of 2 runs: 2 stayed>
     """
     changes = changes_of(overrides)
 

@@ -320,8 +320,9 @@ def largest_certified(
     between: the interval of the search, by default from 0 to twice the value (of how far: to half
     of it); its upper end is doubled while all trials hold. tolerance: the width of the final
     interval, by default a hundredth of the upper end. share: of the cells in the region that has to
-    be certified, 0 to 1; 0 asks for one cell. The others: as of `certify`, and by default as
-    [certificate] of the scenario says; as many cells as the grid has nodes.
+    be certified, 0 to 1; 0 asks for one cell. cells, sample_time, horizon, inputs, uncertain,
+    errors, delay, halvings, enclosure: as of `certify`; by default as [certificate] of the scenario
+    says, with as many cells as the grid has nodes.
 
     Where a larger number only widens what disturbances or parameters may be, the certificate that
     is found proves all smaller numbers as well. Otherwise values all over the interval are tried

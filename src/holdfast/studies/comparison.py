@@ -165,6 +165,10 @@ def compare(
     classified by that kernel for the system of the case, if the kernel applies to it.
 
     Raises `ScenarioError` for unknown names and for a law or a case that cannot be composed.
+
+    >>> few = {"overrides": ["run.horizon=0.5"], "runs": 1}
+    >>> list(hf.compare("wheeled_camera", ["wheeled_camera"], **few).laws)
+    ['wheeled_camera']
     """
     changes = changes_of(overrides)
     shown, text, data = read_tables(name, changes)

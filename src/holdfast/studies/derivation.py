@@ -122,9 +122,13 @@ def explain(
 ) -> Derivation:
     """Derive the structure of the constraint of `system`, up to its steering law if it has one.
 
-    `moment` is p, if A leaves a choice. `limit` bounds the search for chained coordinates,
-    in seconds; `progress` gets its finished fraction. Raises `DefinitionError` for a system
-    without a constraint, an integrable (holonomic) one, and every error of `structure`.
+    moment: p, if A leaves a choice. limit [s]: of the search for chained coordinates.
+
+    Raises `DefinitionError` for a system without a constraint, an integrable (holonomic) one, and
+    every error of `structure`.
+
+    >>> [step.title for step in hf.explain(robot).steps[:3]]
+    ['The constraint', 'Leafwise and transverse states', 'Is it nonholonomic']
     """
     derived = structure(system, moment)
     grown = growth(derived)

@@ -43,20 +43,21 @@ def disturbance_margin(
 ) -> Margin:
     """The largest number for which the kernel of a scenario is not empty, or contains `keep`.
 
-    of: a key of the scenario, such as "system.current_limit", or "current.speed": the speed of
-    the prescribed current, in its direction, or the largest speed of an unknown one. between: the
+    of: a key of the scenario, such as "system.current_limit", or "current.speed": the speed of the
+    prescribed current, in its direction, or the largest speed of an unknown one. between: the
     interval of the search, by default from 0 to twice the value of the scenario; its upper end is
     doubled while all trials hold, up to the bounds of the system for a prescribed current.
     tolerance: the width of the final interval, by default a hundredth of the upper end. keep:
     states, by name (missing ones are 0), and regions that the kernel has to contain. The kernel is
     that of the scenario's horizon; with [march] forever = true the infinite-horizon kernel.
+    warm_start: whether a march begins with a kernel that is there, as below.
 
     If a larger number only widens the bounds of the disturbances, it can only shrink the kernel,
     and the limit is bisected at once. Otherwise values all over the interval are tried first, to
     see whether there is one limit. In the first case, if the infinite-horizon kernel is requested
     and the steps are monotone (scheme "upwind"), every march begins with the kernel of a smaller
-    bound (warm start; `solve.solve`). A finite-horizon kernel cannot be found that way, and schemes
-    of higher order may converge above the kernel: they begin with the region.
+    bound (`solve.solve`). A finite-horizon kernel cannot be found that way, and schemes of higher
+    order may converge above the kernel: they begin with the region.
 
     Raises `ScenarioError` for a scenario that is not a kernel, a key that is not a number, an
     override or a number that nothing depends on, and an invalid interval or tolerance.

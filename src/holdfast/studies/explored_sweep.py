@@ -59,6 +59,9 @@ def explore(
     Raises `ScenarioError` for a scenario of one state or without a law, a law that another
     controller has, a kernel that is too large, and a sweep that the loop of one page cannot follow;
     `OutputError` for a file that is damaged.
+
+    >>> hf.explore("ch2-unicycle", ["run.horizon=1"])[:15]
+    '<!doctype html>'
     """
     scenario, changes = str(scenario), list(overrides)
     table = sweep_file(scenario)

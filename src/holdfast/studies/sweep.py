@@ -430,6 +430,11 @@ def sweep(
 
     Raises `ScenarioError` for an invalid key or scenario and if all cells tried first are refused,
     `OutputError` for a folder that cannot be written and an unknown variable.
+
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> few = {"runs": 2, "overrides": ["run.horizon=1"], "executor": ThreadPoolExecutor(1)}
+    >>> hf.sweep("ch2-unicycle", ["k=1:2:2"], **few).dataset.sizes["k"]
+    2
     """
     overrides = tuple(changes_of(overrides))
     shown, text, data = read_tables(scenario, overrides)

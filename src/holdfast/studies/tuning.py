@@ -532,11 +532,11 @@ def tune(
 
         minimise   cost(k)      subject to   limit_i(k, c) - value_i(k, c) >= margin max(|.|, |.|)
 
-    for every condition i and every corner c of the varied numbers, as the law knows them and as
-    the simulated vehicle has them. The conditions are those of the law (`GainCondition`); the
-    costs are measured in closed loop, as means over the starts at the worst corner:
-    `cost` = "time" to the goal, "effort" or "clearance" to the constraints (`Costs`). Gains that
-    lose more runs than the scenario's own are not chosen.
+    for every condition i and every corner c of the varied numbers, as the law knows them and as the
+    simulated vehicle has them. The conditions are those of the law (`GainCondition`); the costs are
+    measured in closed loop, as means over the starts at the worst corner: cost: "time" to the goal,
+    "effort" or "clearance" to the constraints (`Costs`). Gains that lose more runs than the
+    scenario's own are not chosen.
 
     gains: "k1=0.05:0.5", "law.k2" or, by default, every gain of the law, each from a quarter of
     its value to four times as much. margin: relative, at least 0 and below 1. candidates: about
@@ -549,6 +549,10 @@ def tune(
     Raises `ScenarioError` for a law without gains or conditions, an unknown cost, a cost that the
     scenario does not have, and, naming one condition with its value, limit, corner and
     consequence, if no gains in the ranges meet all conditions.
+
+    >>> few = {"candidates": 10, "runs": 1, "overrides": ["run.horizon=4"]}
+    >>> hf.tune("ch4-integrator", gains=["k2=0.5:1"], **few).gains
+    {'law.k2': 1.0}
     """
     changes = changes_of(overrides)
     _check(cost, margin, candidates, runs)

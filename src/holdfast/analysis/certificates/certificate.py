@@ -273,8 +273,9 @@ class Certificate:
             "ranges": {name: list(ends) for name, ends in self.ranges.items()},
         }
 
-    def write(self, path: Path) -> Path:
+    def write(self, path: str | Path) -> Path:
         """The file: its kind and digest, one line of JSON, and the packed entries."""
+        path = Path(path)
         total = self.cells.total * (self.kept.depth + 1)  # numbers of cells of all sizes
         if total >= MOST_CELLS or len(self.candidates) >= MOST_INPUTS:
             raise SimulationError(

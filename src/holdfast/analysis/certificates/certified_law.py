@@ -46,11 +46,12 @@ def certified_law(
 ) -> Law:
     """The law of a certificate: u = u_X for a state in the certified cell X, held for T.
 
-    certificate: found by `certify`, or read from its file (`read_certificate`). A state on the edge
-    of two cells takes one that is certified. In no certified cell the input is that of the nearest
-    one, counted in cells: nothing is promised there, and a run has the outcome "left grid". Other
-    sample times than T are refused. A certificate for a horizon has the signal `remaining` [s]: how
-    long the state is kept from now on, 0 where it is not.
+    certificate: found by `certify`, or read from its file (`read_certificate`).
+
+    A state on the edge of two cells takes one that is certified. In no certified cell the input is
+    that of the nearest one, counted in cells: nothing is promised there, and a run has the outcome
+    "left grid". Other sample times than T are refused. A certificate for a horizon has the signal
+    `remaining` [s]: how long the state is kept from now on, 0 where it is not.
 
     With a target `remaining` is when the state is at the target at the latest, 0 at the target. The
     input there is one that keeps the target at every sample from now on; where none that was tried
@@ -61,6 +62,11 @@ def certified_law(
     known and constant, of which the bounds do not count.
 
     Raises `DefinitionError` for a certificate without a cell and for another system.
+
+    >>> hf.certified_law(certificate, cart)
+    Law 'certified inputs of cart in track' of x, v
+      a = _C0
+      looks up a table at x, v
     """
     check_usable(certificate)
     if system is None:
@@ -96,8 +102,18 @@ def certified_system(certificate: Certificate) -> System:
         xdot = f(x, u, d; p)
 
     Uncertain numbers have the middle of their range; a disturbance that is known has bounds that
-    are one number. The bounds of the inputs are the box of those that were tried, where all its
-    corners were; a file has no others. An axis that comes back to itself is an angle.
+    are one number.
+
+    certificate: found, or read from its file.
+
+    The bounds of the inputs are the box of those that were tried, where all its corners were; a
+    file has no others. An axis that comes back to itself is an angle.
+
+    >>> print(hf.certified_system(certificate))
+    System 'cart': 2 states, 1 input
+      x' = v
+      v' = a
+      inputs: a in [-1.0, 1.0] m/s^2
     """
     ranges = certificate.ranges
     disturbances = tuple(Quantity(n, u) for n, u in certificate.disturbances)

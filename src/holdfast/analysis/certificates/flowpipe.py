@@ -292,11 +292,12 @@ class Flowpipe:
             "degrees": list(self.header["degrees"]),
         }
 
-    def write(self, path: Path) -> Path:
+    def write(self, path: str | Path) -> Path:
         """The file: its kind and digest, one line of JSON, and how small each step is.
 
         Raises `OutputError` where nothing is proved.
         """
+        path = Path(path)
         if not self.proved:
             raise OutputError(f"nothing is proved: {self.why}")
         header = {**self.header, "splits": list(self.splits), "entries": len(self.levels)}
@@ -344,6 +345,10 @@ def flowpipe(
     Raises `SimulationError` for numbers out of range, for a law that remembers, has a safeguard or
     depends on time, and without python-flint; `DefinitionError` for functions without a proved
     enclosure and for a law that does not fit the system.
+
+    >>> start = {"x": (0.4, 0.5), "v": (-0.1, 0.1)}
+    >>> hf.flowpipe(cart, track, start=start, horizon=1.0, law=brake).proved
+    True
     """
     sizes = len(degrees) == 2 and all(1 <= d <= 12 for d in degrees)
     if not (tolerance > 0 and parts >= 1 and sizes):

@@ -91,7 +91,7 @@ def judge_law(
     delay: float = 0.0,
     progress: Callable[[str, float], None] | None = None,
 ) -> LawJudgement:
-    """Whether `law`, sampled and held for `sample_time` [s], keeps `region` from all of its cells.
+    """Whether `law`, sampled and held, keeps `region` from all of its cells.
 
     Proved: from every cell in the region, not from those that its edge cuts, for every disturbance
     within its bounds, between samples too. Refuted: a trajectory from the middle of a cell leaves;
@@ -100,8 +100,11 @@ def judge_law(
     certain what the law does, such as which of two modes it takes, the trajectory says nothing.
     Undecided: neither; `undecided` says where.
 
-    law: with its modes, safeguard and table; it begins in its first mode. The arguments are those
-    of `hf.certify`, which also says what is raised.
+    law: with its modes, safeguard and table; it begins in its first mode. box, cells, inputs,
+    uncertain, disturbance, errors, delay: as of `certify`, which also says what is raised.
+
+    >>> hf.judge_law(cart, track, brake, box={"x": (-1, 1), "v": (-1, 1)}, cells=21).verdict
+    'refuted'
     """
     certificate = certify(
         system, region, box=box, cells=cells, sample_time=sample_time, horizon=horizon,

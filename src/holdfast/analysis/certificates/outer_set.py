@@ -539,6 +539,10 @@ def outer_set(
     Raises `SimulationError` for a problem that depends on time, another system, a grid with
     "limited" ends, and for what can be reached where a way leaves the grid or no enclosure of it is
     found; `DefinitionError` for functions without a proved enclosure.
+
+    >>> outer = hf.outer_set(kernel, cart, track, cells=9, sample_time=0.2, inputs=3)
+    >>> outer.contains([[0.0, 0.0], [5000.0, 0.0]])
+    array([ True,  True])
     """
     report = value.report
     if value.names != system.state_names or report.system != system.name:

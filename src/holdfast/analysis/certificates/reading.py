@@ -128,12 +128,18 @@ def read_certificate(path: str | Path, *, check: float = 1.0) -> Certificate:
 
     The checker of certificates (`holdfast-check`) reads the whole file, a millisecond or less an
     entry, the first time that a file with this content is read; what it found is kept in the cache.
-    check: the share of the entries that it reads, drawn anew each time; 0 for none. What was not
-    checked, and a checker that is not installed, is a `ModelWarning`. `kept.sweeps` is 0 and how
-    many cells are in the region is told, neither of which the file proves.
+
+    path: of the file. check: the share of the entries that the checker reads, drawn anew each time;
+    0 for none.
+
+    What was not checked, and a checker that is not installed, is a `ModelWarning`. `kept.sweeps` is
+    0 and how many cells are in the region is told, neither of which the file proves.
 
     Raises `OutputError` for a file that is no certificate, is damaged, says something that this
     version does not know, or does not prove what it says.
+
+    >>> hf.read_certificate(certificate.write("cart.holdfast")).states
+    (('x', 'm'), ('v', 'm/s'))
     """
     if not 0 <= check <= 1:
         raise OutputError(f"check is {check}", expected="a share of the entries, 0 to 1")

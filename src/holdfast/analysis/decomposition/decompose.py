@@ -54,11 +54,19 @@ def solve_parts(
 ) -> PartsValue:
     """The value of a problem from those of its parts, each on a grid of its own.
 
-    box, nodes, ends: of all states of the parts, as for `grid`; options: of every march. A symmetry
-    counts where a part has one of its states, and samples where a part has no closed form. Where
-    actuators are predicted, the grid reaches over the box of the decomposition, within which states
-    are kept, by a cell at least; without a box by one cell. Raises `SimulationError` as the
-    problems do.
+    decomposition: from `decompose`. box, nodes, ends: of all states of the parts, as for `grid`.
+    horizon [s]: of every march. options: of every march, see `viability_kernel`.
+
+    A symmetry counts where a part has one of its states, and samples where a part has no closed
+    form. Where actuators are predicted, the grid reaches over the box of the decomposition, within
+    which states are kept, by a cell at least; without a box by one cell.
+
+    Raises `SimulationError` as the problems do.
+
+    >>> apart = hf.decompose(gusty, track, kind="discriminating-kernel")
+    >>> value = hf.solve_parts(apart, {"x": (-1.2, 1.2), "v": (-1.6, 1.6)}, 21, 4.0)
+    >>> value.at([[0.0, 0.4], [0.95, 0.9]]) > 0
+    array([ True, False])
     """
     box = _around(decomposition, nodes) if box is None else box
     by_name("box", box, '{"x": (0, 1)}')
@@ -434,20 +442,25 @@ def decompose(
 
     kind: of the problem, as in a scenario; region: to be kept, or the set that a tube or a set is
     of; goal: of a capture basin. disturbances: of a reachable tube or set, "max" where they help.
-    disturbance: the numbers of those that are given.
+    disturbance: the numbers of those that are given. cut: states that become disturbances of the
+    others -> their intervals; None for the interval that the region asks for, or that the state
+    never leaves; the guarantee is proved. lag_share: the share of their range that actuators with a
+    lag are kept within; they are predicted, and are no states any more
+    (`maths.decomposition.prediction`). box: the intervals of the states left, over which what
+    remains of them is bounded.
 
     - States that no inequality depends on are left out, and of states that matter only relative to
       each other the difference is taken.
     - Inequalities whose factors share no input are parts of their own.
-    - cut: states that are disturbances of the others, with their intervals; None for the interval
-      that the region asks for, or that the state never leaves. The guarantee is proved.
-    - lag_share: the share of their range that actuators with a lag are kept within; they are
-      predicted, and are no states any more (`maths.decomposition.prediction`). box: the intervals
-      of the states left, over which what remains of them is bounded.
     - An inequality `min(a, b) <= 0` is taken apart where that leaves smaller parts.
 
     Raises `SimulationError` for what would not be sound: a cut without a guarantee, or in a problem
     whose disturbances help. `DefinitionError` for lags that cannot be predicted.
+
+    >>> print(hf.decompose(gusty, track, kind="discriminating-kernel"))
+    discriminating-kernel of 'cart', 2 states
+    part (x, v) by a: end
+    exact: the set put together is the set itself, up to the error of the grids
     """
     check_name(kind, KINDS, SimulationError, f"kind: {kind!r}")
     if (goal is not None) != (kind == "capture-basin"):

@@ -175,16 +175,28 @@ def parts_law(
     """The law that keeps the whole system in the set: optimal inputs, or a safety filter of `law`.
 
     It is that of `safety_law` for the part, without `law` the optimal inputs without a game, with
-    the part's states and inputs as functions of the whole: of predicted actuators
-    u = k w + (1 - k) a, with the choice w of the part. options: those of `safety_law`; its margin
-    allows for everything that w and the actuators may do while u is held. `sample_time` is checked
-    for the optimal inputs too, if it is given. A filter keeps an input that the part does not need
-    within its bounds.
+    the part's states and inputs as functions of the whole: of predicted actuators u = k w + (1 - k)
+    a, with the choice w of the part.
+
+    scales: input -> the change of it that counts as 1. options: those of `safety_law`; its margin
+    allows for everything that w and the actuators may do while u is held.
+
+    `sample_time` is checked for the optimal inputs too, if it is given. A filter keeps an input
+    that the part does not need within its bounds.
 
     Raises `SimulationError` for a value of several parts: these are systems of their own, whose
     laws are those of `safety_law`, and `PartsValue.inputs` gives the inputs of all of them; and for
     a sample time or a delay in which actuators would leave their share. Raises
     `DefinitionError` for a law that has no safety filter, as `safety_law` does.
+
+    >>> apart = hf.decompose(gusty, track, kind="discriminating-kernel")
+    >>> value = hf.solve_parts(apart, {"x": (-1.2, 1.2), "v": (-1.6, 1.6)}, 21, 4.0)
+    >>> hf.parts_law(value, brake)
+    Law 'brake, kept safe' of x, v
+      a = -c*v - k*x
+      kept by 2 conditions
+      looks up a table at x, v
+      parameters: safety_rate = 2 1/s, safety_margin = 0.012 1, k = 1 1/s^2, c = 2 1/s
     """
     solved = only_part(value)
     system = value.decomposition.system

@@ -442,20 +442,30 @@ def identify(
     for independent noise, and for errors that are alike within a window (cluster-robust,
     K.-Y. Liang and S. L. Zeger, 1986).
 
-    estimate: parameters, by default all that the measurements depend on; hold: those that keep
-    their numbers. Of numbers that are seen only in combination the first declared is held; a number
-    that the log does not show is held. Both are said, with the manoeuvre that would show it.
-    outputs: what a signal measures where it is not the state of its name, such as
-    {"u": u + Vx*cos(psi) + Vy*sin(psi)} for a speed over ground.
+    log: a `Log`, read from a file or made by hand. estimate: parameters, by default all that the
+    measurements depend on; hold: those that keep their numbers. Of numbers that are seen only in
+    combination the first declared is held; a number that the log does not show is held. Both are
+    said, with the manoeuvre that would show it. outputs: what a signal measures where it is not the
+    state of its name, such as {"u": u + Vx*cos(psi) + Vy*sin(psi)} for a speed over ground.
 
     What is left unexplained is a bound on additional rates, constant in windows, of the states
-    whose rates have inputs or parameters (`unexplained_rates`: others): the box of what the windows
-    needed, `widen` times as large. held_out: a second log, for which the same is computed and
-    compared; the parameters do not see it. level: of the intervals. window [s]: by default three
-    times the slowest time constant of the model, within a thirtieth of the log.
+    whose rates have inputs or parameters: the box of what the windows needed. unexplained_rates:
+    other states in their place. widen: how many times as large the box is made. held_out: a second
+    log, for which the same is computed and compared; the parameters do not see it. level: of the
+    intervals. window [s]: by default three times the slowest time constant of the model, within a
+    thirtieth of the log.
 
     Raises `SimulationError` for a log that is too short or lacks signals, unknown names, arguments
     out of range, and a model that diverges; `DefinitionError` for outputs that are not declared.
+
+    >>> drag = hf.Parameter("drag", "1/s", value=0.5)
+    >>> sled = replace(cart, parameters=(drag,), rates={"x": v, "v": "a - drag*v"})
+    >>> times = np.arange(0.0, 20.0, 0.1)
+    >>> speed = 2.5 * (1 - np.exp(-0.2 * times)) + 0.01 * np.sin(40 * times)
+    >>> pushed = {"a": hf.Signal(times, np.full(200, 0.5))}
+    >>> log = hf.Log("push", {"v": hf.Signal(times, speed)}, pushed, gap=1.0)
+    >>> round(hf.identify(sled, log).parameters[0].value, 3)
+    0.2
     """
     _check(level, window, widen, log)
     estimate, hold, unexplained_rates = map(tuple, (estimate, hold, unexplained_rates))

@@ -24,8 +24,10 @@ from holdfast.maths.definitions.system import System
 class Signal:
     """One measured or commanded quantity at its own times.
 
-    time: shape (n,) [s], strictly increasing; value: shape (n,), finite, in SI units (rad, m/s, N).
+    time: shape (n,) [s], strictly increasing. value: shape (n,), finite, in SI units (rad, m/s, N).
     An angle is continuous: it does not jump by a turn.
+
+    >>> speed = hf.Signal(np.array([0.0, 0.1]), np.array([0.5, 0.48]))
     """
 
     time: Array
@@ -40,6 +42,9 @@ class Log:
     system; a state that was not measured is left out. A command holds until the next one. gap: the
     longest time between two values of a signal that counts as whole [s]; a longer one splits
     the log. repairs: a sentence for each repair that was made in reading, with its count.
+
+    >>> times = np.arange(0.0, 2.0, 0.1)
+    >>> log = hf.Log("dive.csv", {"x": hf.Signal(times, np.sin(times))}, {}, gap=0.5)
     """
 
     name: str

@@ -123,6 +123,9 @@ class CertifiedFilter(Remade):
 
     Raises `DefinitionError` for a certificate without a cell, for another system, and for one whose
     inputs have no bounds, or bounds that an uncertain number changes.
+
+    >>> hf.CertifiedFilter(certificate, cart).step([0.0, 0.4], [1.0])
+    <Decision at 0 s: changed, input [0.0]>
     """
 
     @checked

@@ -254,10 +254,16 @@ def _remade(of: type[Any], arguments: tuple[Any, dict[str, Any]], earlier: Any) 
 class Plant(Remade):
     """A system that moves by one control sample at a time, with its inputs held and limited.
 
-    start: the states. sample_time [s]: `substeps` classical Runge-Kutta steps each, as in
-    `simulate`. state, t [s]: where it is, and when.
+    start: the states, shape (states,). sample_time [s]: how long an input is held. substeps:
+    classical Runge-Kutta steps in that time, as in `simulate`.
+
+    `state` and `t` [s] are where it is, and when.
 
     Raises `SimulationError` for invalid arguments.
+
+    >>> plant = hf.Plant(cart, [0.5, 0.0])
+    >>> plant.step([1.0])
+    array([0.5002, 0.02  ])
     """
 
     @checked
@@ -365,11 +371,18 @@ class Command(NamedTuple):
 class Controller(Remade):
     """Any law, with modes, a memory, a safeguard or a kernel, for one vehicle.
 
-    of: a scenario (`load_scenario`), whose kernel is computed if its law has one; or a system,
-    with `law`. sample_time [s]: by default that of the scenario or of the law's certificate, else
-    0.02. It computes what `simulate` computes at every sample, bit for bit.
+    of: a scenario (`load_scenario`), whose kernel is computed if its law has one; or a system, with
+    a law. law: of that system. sample_time [s]: by default that of the scenario or of the law's
+    certificate, else 0.02.
 
-    Raises `DefinitionError` for a law that does not fit the system.
+    It computes what `simulate` computes at every sample, bit for bit.
+
+    Raises `DefinitionError` for a law that does not fit the system, `SimulationError` for a system
+    without a law, a law beside that of a scenario, and a sample time that is not positive,
+    `ArgumentError` for what is neither scenario nor system.
+
+    >>> hf.Controller(cart, brake).step([0.5, 0.0]).input
+    array([-0.5])
     """
 
     @checked

@@ -51,6 +51,12 @@ class Relay:
 
     Raises `SimulationError` for a patience that is not positive; its methods do for wrong names or
     shapes, for measured disturbances that are missing, and for times that are not finite.
+
+    >>> relay = hf.Relay(hf.SafetyFilter(cart, track))
+    >>> relay.measured([0.5, 0.3], 0.0)
+    >>> relay.commanded([1.0], 0.0)
+    >>> print(relay.decide(0.01).status)
+    changed
     """
 
     @checked

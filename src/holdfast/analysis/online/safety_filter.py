@@ -305,31 +305,37 @@ class SafetyFilter(Remade):
     inequalities; with a `ValueFunction`, a kernel, those of `holdfast.safety_law`.
 
     system: its inputs are what the command gives. keep: a kernel of this system, which may be put
-    together from one part (`PartsValue`, see `parts_law`), or a region; or
-    several of them, at most one a kernel, in order of priority: where not all can be kept, the last
-    gives way first (`in_order`), and `Decision.gave_way` names what did.
-    sample_time [s]: of your loop. delay [s]: how old a measurement is: a kernel's filter predicts
-    the state from the inputs that were sent since, which it remembers; at the first sample, where
-    none was, the measurement counts as the state. Where it cannot predict, as behind an observer,
-    the margin allows for the delay. rate [1/s], by default 2 or as much less as the sample time
-    bears, margin [unit of V], ahead [s], how long the game of held inputs may take, by default
-    about 5: of a kernel's filter, see `safety_law`. gains [1/s], refused where the sample time does
-    not bear them, by default (1, 4) or as much less as it bears, margins, constraints, worst,
-    uncertain: of a region, see `safeguard`. disturbance_measured: whether `step` is given the
-    disturbances. states: names of those that are measured, if not all: an observer with that
-    `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
-    [unit of each state] a guaranteed set of them, which follows a disturbance that changes within
-    `rate_bounds` (`observe_set`). scales: input -> the change of it that counts as 1. rates: the
-    largest rates of inputs and of states (accelerations), see `limit_rates`; with those of inputs
-    the filter remembers its last input. fallback: the input where a measurement or the command is
-    not finite, by default 0 within the bounds. around: the vehicle in the loop, where `system` is a
-    reduced model of it: a `ModelWarning` names the states that the filter does not know.
+    together from one part (`PartsValue`, see `parts_law`), or a region; or several of them, at most
+    one a kernel, in order of priority: where not all can be kept, the last gives way first
+    (`in_order`), and `Decision.gave_way` names what did. sample_time [s]: of your loop. delay [s]:
+    how old a measurement is: a kernel's filter predicts the state from the inputs that were sent
+    since, which it remembers; at the first sample, where none was, the measurement counts as the
+    state. Where it cannot predict, as behind an observer, the margin allows for the delay. rate
+    [1/s]: of a kernel's filter, as of `safety_law`; by default 2, or as much less as the sample
+    time bears. margin [unit of V]: of a kernel's filter, what V is kept above. ahead [s]: of a
+    kernel's filter, how long the game of held inputs may take, by default about 5. gains [1/s]: of
+    a region's filter, as of `safeguard`; by default (1, 4), or as much less as the sample time
+    bears; refused where it does not. margins, constraints, worst, uncertain: of a region's filter,
+    as of `safeguard`. disturbance_measured: whether `step` is given the disturbances. states: names
+    of those that are measured, if not all: an observer estimates the others and the disturbances
+    (`observe`). bandwidth [1/s]: of the observer. error_bounds [unit of each state]: state -> how
+    wrong its measurement may be; then it is a guaranteed set of them (`observe_set`). rate_bounds
+    [unit of each per second]: disturbance -> how fast it may change. scales: input -> the change of
+    it that counts as 1. rates: the largest rates of inputs and of states (accelerations), see
+    `limit_rates`; with those of inputs the filter remembers its last input. fallback: the input
+    where a measurement or the command is not finite, by default 0 within the bounds. around: the
+    vehicle in the loop, where `system` is a reduced model of it: a `ModelWarning` names the states
+    that the filter does not know.
 
     An untried kernel is tried in closed loop (`PromiseFellShortWarning`, `PromiseNotTriedWarning`).
     A kernel that has not converged is one for its horizon: after that the status is OUTSIDE_GRID
     until `reset`. A filter is for one thread at a time.
 
     Raises `DefinitionError` and `SimulationError` as `safeguard`, `safety_law` and `observe` do.
+
+    >>> guard = hf.SafetyFilter(cart, track)
+    >>> guard.step(state=[0.5, 0.3], command=[1.0])
+    <Decision at 0 s: changed, input [0.5]>
     """
 
     @renamed(measured="disturbance_measured")

@@ -135,17 +135,20 @@ def grid(
     nodes: int | Mapping[str, int],
     ends: Mapping[str, str] | None = None,
 ) -> Grid:
-    """The grid over `box` (state -> (low, high)); `nodes` along every axis, or along each by name.
+    """The grid over a box of all states.
 
-    Ends are numbers in the unit of the state, or texts with another, such as "-180 deg".
-
-    ends, the boundary conditions: state -> "contained" (the default: the region of a kernel has to
-    lie within), "periodic" (the default of an angle over a whole turn), "extrapolated", "limited".
-    An angle over part of a turn has no default.
+    box: state -> (low, high), numbers in its unit, or texts with another, such as "-180 deg". nodes: along every axis, or state -> how many. ends: the
+    boundary conditions, state -> "contained" (the default: the region of a kernel has to lie
+    within), "periodic" (the default of an angle over a whole turn), "extrapolated", "limited". An
+    angle over part of a turn has no default.
 
     Raises `SimulationError` for a state with the name of one of `VARIABLES` or without an interval,
     for an interval that is empty or unbounded, an angle over more than a turn, a
     periodic axis that is not one turn of an angle, fewer than two nodes, and more than six states.
+
+    >>> place = {"x": (-2, 2), "y": (-2, 2), "psi": (-np.pi, np.pi)}
+    >>> hf.grid(robot, place, {"x": 21, "y": 21, "psi": 16}).shape
+    (21, 21, 16)
     """
     if not isinstance(system, System):
         raise SimulationError(f"got {system!r}", expected="a System")

@@ -344,10 +344,10 @@ def march_memory(
 ) -> int:
     """The bytes of the arrays of a march over `grid` at its peak.
 
-    capture: of a capture basin, with its `least_times` unless arrival_steps = 0. moving: the
-    problem depends on time. opposed: a disturbance works against getting to a basin. times: the
-    number of requested values. options: those of `Marching`; precision, order (or scheme),
-    estimate_error and check_outside matter.
+    capture: of a capture basin. least_times: whether it has these, as it has unless arrival_steps =
+    0. moving: the problem depends on time. opposed: a disturbance works against getting to a basin.
+    times: the number of requested values. options: those of `Marching`; precision, order (or
+    scheme), estimate_error and check_outside matter.
 
     In units of the value at every node: one for each stage of the Runge-Kutta method (two at
     least), two for obstacles, two for each of the times (one until the end of the march), one for
@@ -360,6 +360,9 @@ def march_memory(
     grid.
 
     Raises `SimulationError` for invalid options.
+
+    >>> hf.march_memory(nodes, precision="float32") / 1e6
+    0.02178
     """
     wanted = capture if least_times is None else least_times
     count = whole("times: ", times, 0)

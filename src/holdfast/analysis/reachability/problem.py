@@ -57,10 +57,10 @@ class Marching:
     unit enters: seconds, metres and radians may be rescaled. `residual_cells` of the result is
     what is left to move.
 
-    checkpoint: a file that the state of the march is written to, at the start, every
-    `checkpoint_every` s of wall time (60) and at the end, or a folder to put one in, named after
-    the problem. The same problem goes on from it, to the same bit; another is refused. It stays
-    when the march has ended, so that a result that was not saved is not lost: remove it then.
+    checkpoint: a file that the state of the march is written to, at the start, from time to time
+    and at the end, or a folder to put one in, named after the problem. The same problem goes on
+    from it, to the same bit; another is refused. It stays when the march has ended, so that a
+    result that was not saved is not lost: remove it then. checkpoint_every [s]: of wall time.
 
     symmetry: state -> -1 for those that change sign in a reflection that leaves the problem as it
     is; half of the grid is computed then. It is checked symbolically
@@ -83,6 +83,9 @@ class Marching:
     on_disk: a folder for the arrays, of a grid that is larger than the memory; the march reads and
     writes them there. cluster: the workers that the grid is divided among (`march_cluster.py`).
     The answer is that of one machine in its memory, to the same bit.
+
+    Raises `SimulationError` for a value that is none of these, and for options that do not go
+    together.
     """
 
     scheme: str = "weno5"

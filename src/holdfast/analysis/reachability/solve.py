@@ -367,10 +367,15 @@ def viability_kernel(
 
     V_t + min{0, max_u p . f} = 0, V(T) = l; the viability kernel itself once it has converged
     (`converged` of the result). The system has no disturbances, or all are given (`disturbance`).
-    options: those of `Marching`, and times, disturbance, parameters, start_time, progress
-    (`solve.solve`).
+    region: to be kept; inside it l > 0. horizon [s]: of the march, which ends before it where the
+    kernel has converged. options: those of `Marching`, and times [s]: the horizons that are kept,
+    ascending; disturbance: name -> its number or expression; parameters: name -> value; start_time
+    [s]: for rates and regions of `TIME`; progress. Raises `SimulationError` for what cannot be
+    solved, and for a march that is unstable.
 
-    Raises `SimulationError` for what cannot be solved, and for a march that is unstable.
+    >>> safe = hf.viability_kernel(cart, hf.both(track, slow), nodes, 4.0, scheme="upwind")
+    >>> safe.at([[0.0, 0.4], [0.95, 0.4]]) > 0
+    array([ True, False])
     """
     if _undecided(system, options):
         raise SimulationError(
@@ -393,7 +398,11 @@ def discriminating_kernel(
 ) -> ValueFunction:
     """The states from which some input keeps the system in `region` whatever the disturbance does.
 
-    V_t + min{0, max_u min_d p . f} = 0, V(T) = l (thesis (7.6)). The rest as `viability_kernel`.
+    V_t + min{0, max_u min_d p . f} = 0, V(T) = l (thesis (7.6)). options: as of
+    `viability_kernel`, which says what is raised.
+
+    >>> hf.discriminating_kernel(gusty, track, nodes, 4.0).fraction() < kernel.fraction()
+    True
     """
     if not _undecided(system, options):
         raise SimulationError("the system has no disturbances", remedy="use viability_kernel")
@@ -407,7 +416,11 @@ def invariance_kernel(
 ) -> ValueFunction:
     """The states from which every input and every disturbance keeps the system in `region`.
 
-    V_t + min{0, min_u min_d p . f} = 0, V(T) = l. The rest as `viability_kernel`.
+    V_t + min{0, min_u min_d p . f} = 0, V(T) = l. options: as of `viability_kernel`, which says
+    what is raised.
+
+    >>> hf.invariance_kernel(cart, track, nodes, 0.5).fraction() < kernel.fraction()
+    True
     """
     problem = Problem("invariance-kernel", "shrink", region, inputs="min")
     return solve(system, problem, grid, horizon, **options)
@@ -425,8 +438,12 @@ def backward_reachable_tube(
 ) -> ValueFunction:
     """The states from which some input brings the system to `target` within `horizon` seconds.
 
-    V_t + max{0, max_u opp_d p . f} = 0, V(T) = l_T. disturbances: "min" work against it, "max"
-    help. `backward_reachable_at` is the set of the states that are there at the horizon itself.
+    V_t + max{0, max_u opp_d p . f} = 0, V(T) = l_T. `backward_reachable_at` is the set of the
+    states that are there at the horizon itself. target: a `Region`. disturbances: "min" work
+    against it, "max" help. options: as of `viability_kernel`, which says what is raised.
+
+    >>> hf.backward_reachable_tube(cart, slow, nodes, 1.0).at([[0.0, 1.4], [0.0, 1.6]]) > 0
+    array([ True, False])
     """
     problem = Problem("backward-reachable-tube", "grow", target, disturbances=disturbances)
     return solve(system, problem, grid, horizon, **options)
@@ -445,8 +462,12 @@ def backward_reachable_at(
     """The states from which some input has the system in `target` after exactly `horizon` seconds.
 
     The backward reachable set, as against the tube: V_t + max_u opp_d p . f = 0, V(T) = l_T. It
-    need not contain the target, and the march goes on to the horizon. disturbances: "min" work
-    against it, "max" help. Raises `SimulationError` for check_outside, which is about tubes.
+    need not contain the target, and the march goes on to the horizon. target: a `Region`. horizon
+    [s]: when the system is there. disturbances: "min" work against it, "max" help. options: as of
+    `viability_kernel`. Raises `SimulationError` for check_outside, which is about tubes.
+
+    >>> hf.backward_reachable_at(cart, slow, nodes, 1.0).at([[0.0, 1.4], [0.0, 1.6]]) > 0
+    array([ True, False])
     """
     if options.get("check_outside"):
         raise SimulationError(
@@ -465,7 +486,10 @@ def backward_reachable_set(
     disturbances: Player = "min",
     **options: Unpack[SolveOptions],
 ) -> ValueFunction:
-    """The former name of `backward_reachable_tube`; it warns, and goes with the next release."""
+    """The former name of `backward_reachable_tube`; it warns, and goes with the next release.
+
+    target, disturbances, options: as there.
+    """
     warnings.warn(
         "backward_reachable_set is now backward_reachable_tube; the set at exactly the horizon is "
         "backward_reachable_at",
@@ -490,9 +514,14 @@ def forward_reachable_set(
     """The states that some input, and some disturbance, can bring the system to from `start`.
 
     The forward reachable tube: the backward one of the reversed dynamics (thesis section 7.3). The
-    states are those at the end of the horizon, after leaving `start` at any time within it.
-    disturbances: "max" are at the choice of whoever wants to get there, "min" work against it. The
-    set is an inner approximation (`report.approximation`): on a grid it leaves out what is thin.
+    states are those at the end of the horizon, after leaving `start` at any time within it. The set
+    is an inner approximation (`report.approximation`): on a grid it leaves out what is thin.
+
+    start: a `Region`. disturbances: "max" are at the choice of whoever wants to get there, "min"
+    work against it. options: as of `viability_kernel`, which says what is raised.
+
+    >>> hf.forward_reachable_set(cart, slow, nodes, 1.0).at([[0.0, 1.4], [0.0, 1.6]]) > 0
+    array([ True, False])
     """
     problem = Problem(
         "forward-reachable-set", "grow", start, disturbances=disturbances, backwards=True
@@ -513,10 +542,18 @@ def capture_basin(
 ) -> ValueFunction:
     """The states from which some input reaches `goal` within `horizon` s, in `region` until then.
 
-    The reach-avoid set. W = max_u max_tau min{ l_G(tau), min_{s <= tau} l_K(s) } solves
-    min{ max{ W_t + H, l_G - W }, l_K - W } = 0; disturbances work against it. `arrival` is the
-    least time, from `arrival_steps` values over the horizon (100; 0: none). Where something depends
-    on time there is none: it would hold for one start only.
+    The reach-avoid set. W = max_u max_tau min{ l_G(tau), min_{s <= tau} l_K(s) } solves min{ max{
+    W_t + H, l_G - W }, l_K - W } = 0; disturbances work against it.
+
+    region: None for none. arrival_steps: how many values over the horizon the least time,
+    `arrival`, is taken from (100; 0: none). options: as of `viability_kernel`, which says what is
+    raised.
+
+    Where something depends on time there is none: it would hold for one start only.
+
+    >>> basin = hf.capture_basin(cart, slow, track, nodes, 2.0)
+    >>> basin.least_time([[0.0, 1.0]]).round(2)
+    array([0.5])
     """
     problem = Problem("capture-basin", "free", goal, above=region)
     return solve(system, problem, grid, horizon, arrival_steps=arrival_steps, **options)

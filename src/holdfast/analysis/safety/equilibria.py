@@ -366,15 +366,24 @@ def resting_state(
 
         maximise t   subject to   f(q, u, d(q)) = 0,   c_j(q) + t <= 0 for every j,   u in bounds
 
-    A local solver (SLSQP, derivatives of the same expressions) begins at `searches` points of an
-    even sequence over `box`: state -> (lowest, highest), unless given [-1, 1] in SI units and a
-    whole turn of an angle. The answer is verified by its own rates, constraints and bounds. It is
-    the best of the local ones: another may exist, and none found does not prove that there is none.
-    c_j of different units count alike, 1 m as 1 rad. disturbance: name -> number, or expression of
-    the states and parameters (a field, such as an eddy); those left out are 0.
+    A local solver (SLSQP, derivatives of the same expressions) begins at points of an even
+    sequence.
+
+    searches: how many points. box: state -> (lowest, highest), where they are; unless given [-1, 1]
+    in SI units and a whole turn of an angle.
+
+    The answer is verified by its own rates, constraints and bounds. It is the best of the local
+    ones: another may exist, and none found does not prove that there is none. c_j of different
+    units count alike, 1 m as 1 rad.
+
+    disturbance: name -> number, or expression of the states and parameters (a field, such as an
+    eddy); those left out are 0.
 
     Raises `DefinitionError` for unknown names, rates, fields or constraints that depend on time, a
     region of other states, and inputs whose bounds are no half-spaces.
+
+    >>> hf.resting_state(gusty, track, {"d": 0.1}).inputs
+    {'a': -0.1}
     """
     field, numbers = _disturbance(system, disturbance)
     return Search(system, region, box, searches, seed, field).solve(numbers, [])
@@ -392,13 +401,23 @@ def resting_directions(
     searches: int = SEARCHES,
     seed: int = 0,
 ) -> tuple[RestingState, ...]:
-    """`resting_state` for a current of one speed in `count` directions of its plane.
+    """`resting_state` for a current of one speed in all directions of its plane.
 
         d = speed (cos theta, sin theta),   theta = 2 pi k / count,   k = 0 ... count - 1
 
     d is the current along x and y, other disturbances are 0; of a system that says of none that it
-    is the current, its two disturbances. Each search begins at the answer of the direction before
-    it too. Raises `DefinitionError` for a system that has neither, and as `resting_state`.
+    is the current, its two disturbances.
+
+    speed [m/s]: of the current. count: of directions. box, searches: as of `resting_state`.
+
+    Each search begins at the answer of the direction before it too.
+
+    Raises `DefinitionError` for a system that has neither, and as `resting_state`.
+
+    >>> drifting = hf.systems.drifting_unicycle()
+    >>> near = hf.regions.near_origin(drifting)
+    >>> len(hf.resting_directions(drifting, near, 0.1, count=4, searches=2))
+    4
     """
     names = [q.name for q in system.current_along("x", "y") or system.disturbances]
     if len(names) != 2:

@@ -298,10 +298,17 @@ def visibility_gains(
     follower's own speed limits are not considered, and it must not start nearer than
     `GainWindow.nearest`.
 
-    k1 [1/s], distance rd [m], range_max Ls [m], half_angle alpha [rad], leader_speed uLM [m/s],
-    0 for a stationary one, softness [m], robot_radius r0 [m]. An empty window gives the reason and
-    the number to change. Raises `DefinitionError` for invalid numbers: Ls cos(alpha) <= rd,
-    rd < 2 r0, an angle that is not between 0 and pi/2.
+    k1 [1/s], softness [m], turn: of the laws. distance [m]: rd. range_max [m]: Ls. half_angle
+    [rad]: alpha. leader_speed [m/s]: uLM, 0 for a leader that stands. robot_radius [m]: r0.
+
+    An empty window gives the reason and the number to change.
+
+    Raises `DefinitionError` for invalid numbers: Ls cos(alpha) <= rd, rd < 2 r0, an angle that is
+    not between 0 and pi/2.
+
+    >>> window = hf.visibility_gains(k1=0.6, distance=1.0, range_max=2.5, half_angle=0.6)
+    >>> round(window.low, 3), round(window.high, 3)
+    (0.339, 1.063)
     """
     if turn not in TURNS:
         raise DefinitionError(f"turn is {turn!r}", expected=" or ".join(map(repr, TURNS)))

@@ -95,27 +95,38 @@ def safety_law(
     for every held disturbance; W is the value of the sampled game (`sampled_value`), whose inputs
     are held for `sample_time`. It does nothing well inside the set and intervenes towards the
     boundary. rate [1/s]: by default `PACE`, or less for a longer hold. margin [unit of V]: by
-    default `SampledValue.least`. With a `delay` of the measurement [s] q is where the state is
-    predicted to be when the input acts, from the inputs that were sent since: the law remembers
-    them, and is a `Switching`. Where too many are on their way for that, the margin is
-    `sampled_margin`, the most that V can fall before the input responds, which holds from input to
-    input. If no input is found that suffices, it is the best one, and runs count it. errors: by how
-    much the input that acts may differ from the held one, for each input. ahead: the seconds that
-    each game which is tried may take, about; True for 5. A kernel in six states needs minutes.
+    default `SampledValue.least`.
+
+    With a `delay` of the measurement [s] q is where the state is predicted to be when the input
+    acts, from the inputs that were sent since: the law remembers them, and is a `Switching`. Where
+    too many are on their way for that, the margin is `sampled_margin`, the most that V can fall
+    before the input responds, which holds from input to input. If no input is found that suffices,
+    it is the best one, and runs count it. errors: by how much the input that acts may differ from
+    the held one, for each input. ahead: the seconds that each game which is tried may take, about;
+    True for 5. A kernel in six states needs minutes.
 
     Without such a game (where it is `None`, and with `ahead` false, for a law that is to be
     certified) the condition is
 
         p . f(q, u, d) + rate (V - margin) >= 0   for every disturbance d
 
-    with `sampled_margin` by default. A value function with several times is used at the remaining
-    time and is constant below the first; a converged kernel at the last.
+    with `sampled_margin` by default.
+
+    law: under the filter; None for the optimal inputs. delay [s]: how old a measurement is. scales:
+    input -> the change of it that counts as 1.
+
+    A value function with several times is used at the remaining time and is constant below the
+    first; a converged kernel at the last.
 
     Raises `SimulationError` for a value function of another system, or of a problem in which the
     inputs do not maximise; for an empty set; for a margin below 0; for a rate too fast for the hold
     time, and for the delay where it is not predicted; for a default margin that no state has, or
     trial runs do not bear; for a delay without a `law`; and for a `law` that has to arrive by a
     value function that does not reach down to time 0.
+
+    >>> keep = hf.safety_law(cart, kernel, brake)
+    >>> hf.simulate(cart, keep, starts=[[0.9, 0.3]], region=track, horizon=4.0)
+    <Result of 1 runs: 1 stayed>
     """
     made, predicted, _ = kept_law(
         system, value, law, rate=rate, margin=margin, sample_time=sample_time, delay=delay,
@@ -294,11 +305,19 @@ def sampled_margin(
         delay max(-min_u min_d p . f) + sample_time max(-min_u min_d p . f + dV/dtau)
 
     where tau is the remaining time, if a law looks the value up at it (dV/dtau is the difference
-    between neighbouring times); otherwise the term is absent. The maxima are over the nodes at
-    which V is at most two cells, or that margin, from the boundary, or `MANY` of them. A state
-    measured with V above the margin has V > 0 until the next input, for any input and disturbance.
-    Where V jumps, it is the largest V from which the boundary may be reached in the time.
+    between neighbouring times); otherwise the term is absent.
+
+    sample_time [s]: of the hold. delay [s]: how old a measurement is.
+
+    The maxima are over the nodes at which V is at most two cells, or that margin, from the
+    boundary, or `MANY` of them. A state measured with V above the margin has V > 0 until the next
+    input, for any input and disturbance. Where V jumps, it is the largest V from which the boundary
+    may be reached in the time.
+
     Raises `SimulationError` for an invalid sample time or delay.
+
+    >>> round(hf.sampled_margin(cart, kernel, 0.02), 3)
+    0.064
     """
     positive = "a positive number of seconds"
     number("sample_time is ", sample_time, positive, lambda v: 0 < v < math.inf)

@@ -233,8 +233,10 @@ def station_statistics(
 ) -> Dataset:
     """Statistics of every run of a station-keeping simulation, on its recorded samples.
 
-    `radius` [m] is that of the ball |(x, y)| <= radius to enter, `settled` [s] the start of the
-    tail, `heading` [rad] the tolerance of the heading around 0. Variables over `run`:
+    radius [m]: of the ball |(x, y)| <= radius to enter. settled [s]: the start of the tail. heading
+    [rad]: the tolerance of the heading around 0.
+
+    Variables over `run`:
 
     entered, entry_time [s]: of the first time in the ball (NaN: never). tail_radius [m]:
     the largest distance after `settled`. overshoot [m]: the largest distance beyond the ball after
@@ -244,6 +246,12 @@ def station_statistics(
 
     Raises `SimulationError` for a radius or heading that is not positive, if the result has no
     x, y, psi, or no samples after `settled`.
+
+    >>> drifting = hf.systems.drifting_unicycle()
+    >>> law = hf.laws.hold_station(drifting)
+    >>> run = hf.simulate(drifting, law, starts=[[1.0, 0, 0]], horizon=10.0)
+    >>> hf.station_statistics(run, 0.1, settled=5.0)["tail_radius"].values.round(2)
+    array([0.15])
     """
     import xarray as xr
 

@@ -430,24 +430,28 @@ def simulate(
     """Simulate `system` under `law` from every start and return a `Result`.
 
     starts: a `Starts`, or an array of shape (runs, states). part: the subset of runs to simulate;
-    every run is the same in any part. region: the inequalities to
-    watch; a run that violates one is marked as having left, and when. goal: where a run must
-    be at the end to have reached it. horizon: seconds. stepper: "rk4", "bogacki-shampine" or
-    "dormand-prince". disturbance: name -> number or expression of t, parameters and states of the
-    plant: a field, which the vehicle feels where it is. plant: parameters of the
-    simulated vehicle that its law does not know. varied: the variation between runs; with
-    `vertices`, every start is simulated at each of them. reference: the desired final state, for
-    error statistics. start_outside: allow starts outside the region. command: your own controller,
-    where the law is handed its command (`commanded`, `SafetyFilter.law`): called at every sample
-    with t and the measured states, shape (runs, states), it returns shape (runs, inputs); or an
-    object with the methods of `Commander`. The other settings are
-    those of `Settings` (sample_time, substeps, record_every, continuous, tolerance, until_goal,
-    noise_uniform, noise_normal, seed, threads, absolute, relative).
+    every run is the same in any part. region: the inequalities to watch; a run that violates one is
+    marked as having left, and when. goal: where a run must be at the end to have reached it.
+    horizon [s]: how long. stepper: "rk4", "bogacki-shampine" or "dormand-prince". disturbance: name
+    -> number or expression of t, parameters and states of the plant: a field, which the vehicle
+    feels where it is. plant: parameters of the simulated vehicle that its law does not know.
+    varied: the variation between runs; with `vertices`, every start is simulated at each of them.
+    reference: the desired final state, for error statistics. start_outside: allow starts outside
+    the region. command: your own controller, where the law is handed its command (`commanded`,
+    `SafetyFilter.law`): called at every sample with t and the measured states, shape (runs,
+    states), it returns shape (runs, inputs); or an object with the methods of `Commander`.
+    attributes: kept with the result. settings: those of `Settings` (sample_time, substeps,
+    record_every, continuous, tolerance, until_goal, noise_uniform, noise_normal, seed, threads,
+    absolute, relative).
 
     Warns with `GainWarning` when the gains violate a condition of the law. Raises
     `DefinitionError` for a law that does not fit the system, and `SimulationError` for invalid
     starts, disturbances or settings, and for a disturbance beyond its bounds: of a field at a
     sample of any run.
+
+    >>> run = hf.simulate(cart, brake, starts=[[0.5, 0.0]], region=track, horizon=8.0)
+    >>> run.dataset["state"].sel(run=0)[-1].values.round(3)
+    array([ 0.002, -0.001])
     """
     check_name(stepper, BY_NAME, SimulationError, f"unknown stepper '{stepper}'")
     for name in settings:

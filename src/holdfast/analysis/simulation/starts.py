@@ -23,11 +23,16 @@ _BLOCK = 4096  # starts of a group that are found together
 @checked
 @dataclass(frozen=True, eq=False)
 class Starts(Value):
-    """Initial states: `states`, each a mapping (states left out are 0), then `random` ones.
+    """Initial states: those that are given, then random ones.
 
-    The random ones are uniform over the states of `box` (state -> (lowest, highest); states
-    left out are 0) that lie in the region. active: groups of names of inequalities; the random
-    states are moved to where those of a group are 0 together, the groups taking turns.
+    states: each a mapping, state -> its value in its unit; those left out are 0. random: how many,
+    uniform over the states of the box that lie in the region. box: state -> (lowest, highest);
+    those left out are 0. active: groups of names of inequalities; the random states are moved to
+    where those of a group are 0 together, the groups taking turns.
+
+    >>> start = hf.Starts(states=[{"x": 0.5}], random=3, box={"x": (-1, 1)})
+    >>> hf.simulate(cart, brake, starts=start, region=track, horizon=2.0)
+    <Result of 4 runs: 4 stayed>
     """
 
     states: Sequence[OfStates] = ()

@@ -117,8 +117,13 @@ INCLUDES = """#if defined(__unix__) || defined(__APPLE__)
 def export_c_table(law: Law | Switching, path: str | Path) -> Path:
     """Write the table of the law, for what `export_c(..., table="file")` wrote.
 
+    path: of the file.
+
     Raises `DefinitionError` for a law without the table of a kernel, and `OutputError` where the
     file cannot be written.
+
+    >>> hf.export_c_table(hf.safety_law(cart, kernel, brake, ahead=False), "brake.bin")
+    PosixPath('brake.bin')
     """
     if law.lookup is None or isinstance(law.lookup, CellLookup):
         raise DefinitionError(
@@ -400,14 +405,17 @@ def export_c(
     `NAME_step` takes the time [s], the measurements, what others hand the law (where it is the
     filter of a command: `handed`) and the parameters, writes the command of the law and the limited
     values of the actuators, and returns the mode. Its numbers are those of the compiled closed
-    loop, bit for bit, if the compiler keeps to IEEE 754 (without -ffast-math).
-    `slack` of the state is the relaxation of a safeguard at a sample: 0 if an input was admissible.
-    table: that of a kernel is in the "text", or in a "file", which `export_c_table` writes, and
-    NAME_load opens. `outside` of the state is 1 at a sample outside its grid.
-    Every name at file scope begins with NAME, or with its upper case. `export_c_header` gives the
-    header.
+    loop, bit for bit, if the compiler keeps to IEEE 754 (without -ffast-math). `slack` of the state
+    is the relaxation of a safeguard at a sample: 0 if an input was admissible. table: that of a
+    kernel is in the "text", or in a "file", which `export_c_table` writes, and NAME_load opens.
+
+    `outside` of the state is 1 at a sample outside its grid. Every name at file scope begins with
+    NAME, or with its upper case. `export_c_header` gives the header.
 
     Raises `DefinitionError` for a law that does not fit the system.
+
+    >>> print(hf.export_c(cart, brake, "brake").splitlines()[0])
+    /* brake, for cart. Made by holdfast 0.1.0.
     """
     return _file(system, law, name, table).text()
 
@@ -418,10 +426,15 @@ def export_c_header(
 ) -> str:
     """The header of the file that `export_c` writes for this law and name, for C and for C++.
 
+    name, table: as of `export_c`.
+
     It declares the sizes, the type NAME_state, NAME_parameters, NAME_start and NAME_step. A program
     may include the headers of several laws whose names differ in more than upper and lower case.
 
     Raises `DefinitionError` for a law that does not fit the system.
+
+    >>> "brake_step(" in hf.export_c_header(cart, brake, "brake")
+    True
     """
     return _file(system, law, name, table).header()
 

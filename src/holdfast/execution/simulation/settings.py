@@ -141,16 +141,19 @@ BY_NAME = {tableau.name: tableau for tableau in ALL}
 class Settings:
     """Settings of a simulation.
 
-    horizon: seconds simulated. sample_time: seconds between control samples; the input is
-    held in between unless `continuous`. substeps: Runge-Kutta steps in one sample time (fixed
-    steps) or tolerances `absolute` and `relative` (adaptive pair). record_every: seconds
-    between recorded samples. tolerance: c_j above this counts as leaving the region.
-    noise_uniform, noise_normal: half-width and standard deviation of the measurement noise
-    of each state. switch_limit: changes of mode within one second beyond which a run counts
-    as chattering. delay: seconds by which the law sees everything late. until_goal: whether a run
-    ends at its first sample in the goal. seed: of every random number. threads: 0 for one per core.
-    device: "cpu"; "gpu", a run for each thread of a graphics processor, by way of CuPy; "c++", the
-    same kernel compiled by the C++ compiler of this machine.
+    horizon [s]: what is simulated. sample_time [s]: between control samples; the input is held in
+    between. continuous: whether the law is evaluated at every stage instead. substeps: Runge-Kutta
+    steps in one sample time, of a stepper of fixed steps. absolute, relative: tolerances of an
+    adaptive pair. record_every [s]: between recorded samples. tolerance [unit of c_j]: c_j above
+    this counts as leaving the region. noise_uniform, noise_normal: half-width and standard
+    deviation of the measurement noise of each state. switch_limit: changes of mode within one
+    second beyond which a run counts as chattering. delay [s]: by how much the law sees everything
+    late. until_goal: whether a run ends at its first sample in the goal. seed: of every random
+    number. threads: 0 for one per core. device: "cpu"; "gpu", a run for each thread of a graphics
+    processor, by way of CuPy; "c++", the same kernel compiled by the C++ compiler of this machine.
+
+    Raises `SimulationError` for a value out of range, for times that are no multiples of the sample
+    time, and for noise or a delay with continuous control.
     """
 
     horizon: Seconds

@@ -28,10 +28,14 @@ from holdfast.maths.definitions.system import System
 def write_log(log: Log, path: str | Path) -> Path:
     """Write the states and inputs of a log as CSV, in SI units, with a column `time` [s].
 
+    log: a `Log`. path: of the file, which must not exist.
+
     A row for every time of any signal; a signal that has no value then has an empty place. Times
     and values are written in full. Reading counts the time from the first row on, and makes the
-    repairs that a measurement needs. Raises `OutputError` for a file that exists or cannot be
-    written, and for a signal that is called `time`.
+    repairs that a measurement needs.
+
+    Raises `OutputError` for a file that exists or cannot be written, and for a signal that is
+    called `time`.
     """
     path, signals = Path(path), {**log.states, **log.inputs}
     if "time" in signals:
@@ -242,13 +246,13 @@ def read_log(
 ) -> Log:
     """The states and the inputs of a system in a log: CSV, an MCAP file, or a ROS 2 bag (a folder).
 
-    names: state, input or actuator -> column, with a unit if it is not SI and the header does not
-    say it: {"psi": "heading [deg]"} of a table, {"x": "/odom:pose.pose.position.x", "psi":
-    "/odom:pose.pose.orientation.heading"} of messages. By default columns of their own names; in
-    messages the fields of the only Odometry, and of the only Wrench, Twist or Accel (stamped or
-    not) that has the units of the inputs; or the fields of a JSON object. time: the column of times
-    of a table. gap [s]: the longest time without a value that does not split the log, by default
-    five times the longest period of a measured state.
+    path: of the file or the folder. names: state, input or actuator -> column, with a unit if it is
+    not SI and the header does not say it: {"psi": "heading [deg]"} of a table, {"x":
+    "/odom:pose.pose.position.x", "psi": "/odom:pose.pose.orientation.heading"} of messages. By
+    default columns of their own names; in messages the fields of the only Odometry, and of the only
+    Wrench, Twist or Accel (stamped or not) that has the units of the inputs; or the fields of a
+    JSON object. time: the column of times of a table. gap [s]: the longest time without a value
+    that does not split the log, by default five times the longest period of a measured state.
 
     Values that are not numbers, times out of order, times that another value has, and single values
     far off are left out, and counted in `Log.repairs`; angles become continuous. Raises

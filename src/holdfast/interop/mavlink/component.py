@@ -246,14 +246,15 @@ class SafetyComponent(Closing):
     Nothing is sent before the first command, and nothing when the last one is older than `hold`
     [s]: then the vehicle's own failsafe has to act, which the messages would put off.
 
-    The component has the vehicle's system number and the component `component`. It sends HEARTBEAT
-    once a second, both ways, and to the controller STATUSTEXT where it intervenes and the value and
-    the slack as NAMED_VALUE_FLOAT ("hf_value", "hf_slack").
+    The component has the system number of the vehicle. It sends HEARTBEAT once a second, both ways,
+    and to the controller STATUSTEXT where it intervenes and the value and the slack as
+    NAMED_VALUE_FLOAT ("hf_value", "hf_slack").
 
-    keep: the filter. commands: `ManualControl` or `BodyVelocity`. controller, vehicle: connections,
-    "udpin:HOST:PORT" or "udpout:HOST:PORT". system, autopilot: the numbers of the vehicle and of
-    its component that knows the states. patience [s]: of the relay. key: the secret that signs the
-    connection. pose, twist, bearing: see `PlanarMotion`.
+    keep: the filter. component: its own number. hold [s]: how old the last command may be.
+    commands: `ManualControl` or `BodyVelocity`. controller, vehicle: connections, "udpin:HOST:PORT"
+    or "udpout:HOST:PORT". system, autopilot: the numbers of the vehicle and of its component that
+    knows the states. patience [s]: of the relay. key: the secret that signs the connection. pose,
+    twist, bearing: see `PlanarMotion`.
 
     Raises `SimulationError` and `DefinitionError` for a system that does not fit, for a port in
     use, and for invalid arguments.
@@ -434,8 +435,8 @@ def serve(
 ) -> Counts:
     """Run a component until Ctrl-C or SIGTERM, or for so many seconds; what it received.
 
-    on_decision: is told every decision, of which `DecisionRecord.line` is a line of JSON. The
-    sockets are closed at the end.
+    component: what is run. seconds [s]: how long; None for ever. on_decision: is told every
+    decision, of which `DecisionRecord.line` is a line of JSON. The sockets are closed at the end.
     """
     ended = threading.Event()
     with component, ended_by_signals(ended.set):
@@ -452,14 +453,14 @@ def serve(
 class SimulatedVehicle(Closing):
     """A `Plant` that publishes LOCAL_POSITION_NED, ATTITUDE and HEARTBEAT, and obeys commands.
 
-    Commands are those of one kind (`commands`), to its system, of any controller. A command is
-    held for `patience` [s]; without a newer one the inputs are 0, as an autopilot's failsafe would
-    have them.
+    Commands are those of one kind, to its system, of any controller. A command is held for a time;
+    without a newer one the inputs are 0, as an autopilot's failsafe would have them.
 
-    system: with a pose, see `PlanarMotion`. start: its states. connection: "udpout:HOST:PORT" or
-    "udpin:HOST:PORT". number: its system. rate [Hz]: of the two messages of states.
-    on_states: is told the time and the states after every sample. pose, twist, bearing: see
-    `PlanarMotion`.
+    commands: `ManualControl` or `BodyVelocity`. patience [s]: how long a command is held. key: the
+    secret that signs the connection. system: with a pose, see `PlanarMotion`. start: its states.
+    connection: "udpout:HOST:PORT" or "udpin:HOST:PORT". number: its system. rate [Hz]: of the two
+    messages of states. on_states: is told the time and the states after every sample. pose, twist,
+    bearing: see `PlanarMotion`.
 
     Raises `SimulationError` and `DefinitionError` for a system that does not fit, for a port in
     use, and where the plant diverges.

@@ -83,9 +83,9 @@ Message = Any
 class Codec:
     """One direction of a connection: its frames out of datagrams, and messages into frames.
 
-    key: the secret of 32 bytes that signs the connection. With one, frames without a valid
-    signature are dropped, except a radio's status, and what is made is signed; without one,
-    signed frames are read like others and cannot be made.
+    link: the number of the link in signatures. key: the secret of 32 bytes that signs the
+    connection. With one, frames without a valid signature are dropped, except a radio's status, and
+    what is made is signed; without one, signed frames are read like others and cannot be made.
 
     read: frames that were found. broken: those whose checksum is wrong. garbage: bytes that are
     part of no whole frame. unsigned: frames that the key refuses. A frame whose number is not in

@@ -222,7 +222,7 @@ class Network:
 def router(listen: str = ROUTER) -> Iterator[None]:
     """A router for nodes where no ROS 2 is installed; it does what `rmw_zenohd` does.
 
-    Raises `OutputError` where it cannot listen.
+    listen: the endpoint, such as "tcp/[::]:7447". Raises `OutputError` where it cannot listen.
     """
     session = Network(connect=(), listen=(listen,)).session("router")
     try:
@@ -312,8 +312,9 @@ class Subscription:
 class Node(Closing):
     """A name in the graph, with its publishers and subscribers.
 
-    Raises `DefinitionError` for names and domains that ROS 2 does not allow, and `OutputError`
-    where the network cannot be reached. It is closed by `close`, or at the end of `with`.
+    name, namespace: of the node. network: by default one of its own. Raises `DefinitionError` for
+    names and domains that ROS 2 does not allow, and `OutputError` where the network cannot be
+    reached. It is closed by `close`, or at the end of `with`.
     """
 
     @checked
@@ -523,10 +524,11 @@ class FilterNode(SampledNode):
     `~/decisions` (std_msgs/String), the `DecisionRecord.line` of every sample, and `/diagnostics`
     (diagnostic_msgs/DiagnosticArray) at every change and twice a second.
 
-    keep: the filter. interface: how states and inputs stand in messages. odometry, nominal,
-    command: other names of the topics. patience [s]: see `Relay`; a message counts as received at
-    the sample that takes it. Fields of the command out of the plane of motion are passed on while
-    commands come. The last command before it is closed is the filter's fallback.
+    name, namespace, network: as of `Node`. keep: the filter. interface: how states and inputs stand
+    in messages. odometry, nominal, command: other names of the topics. patience [s]: see `Relay`; a
+    message counts as received at the sample that takes it. Fields of the command out of the plane
+    of motion are passed on while commands come. The last command before it is closed is the
+    filter's fallback.
 
     Messages of other types, without an attachment of rmw_zenoh, in another frame, or unreadable are
     refused: counted and said in the diagnostics, and not taken for a measurement or a command.
@@ -593,7 +595,8 @@ class FilterNode(SampledNode):
 class VehicleNode(SampledNode):
     """A simulated vehicle: it moves by the newest `command`, and publishes `odometry`.
 
-    Without a command for `patience` [s] its inputs are 0. Arguments as those of `FilterNode`.
+    plant: a `Plant`. patience [s]: without a command for so long its inputs are 0. interface,
+    odometry, command, name, namespace, network: as of `FilterNode`.
     """
 
     @checked
@@ -630,8 +633,9 @@ class VehicleNode(SampledNode):
 class ControllerNode(SampledNode):
     """A controller: for every newest `odometry` a `nominal_command`.
 
-    controller: a function of the states that Odometry gives, in the order of the system; it returns
-    the inputs in their order. sample_time [s]: how often it looks for a message.
+    interface, odometry, command, name, namespace, network: as of `FilterNode`. controller: a
+    function of the states that Odometry gives, in the order of the system; it returns the inputs in
+    their order. sample_time [s]: how often it looks for a message.
     """
 
     @checked
@@ -684,7 +688,8 @@ def serve(
 ) -> None:
     """A `FilterNode` until Ctrl-C or SIGTERM, or for so many seconds.
 
-    said: called with every decision. settings: those of `FilterNode`. Raises what that does.
+    keep: the filter. seconds [s]: how long; None for ever. said: called with every decision.
+    settings: those of `FilterNode`. Raises what that does.
     """
     with FilterNode(keep, **settings) as node:
 

@@ -37,6 +37,9 @@ def load_vehicle(name: str, **overrides: float) -> System:
 
     overrides: numbers by name, in SI units, in place of those of the file. Raises `ScenarioError`
     for an unknown vehicle, system or name, a missing number, a wrong unit and a missing source.
+
+    >>> hf.load_vehicle("bluerov2", thrust_limit=20.0).input_names
+    ('tau_u', 'tau_r')
     """
     vehicle = vehicle_of(name)
     function = _system(vehicle.system, name)

@@ -48,6 +48,9 @@ def outward_rates(system: System, region: Region, law: Law | None = None) -> dic
 
     With a `law`, its outputs take the place of the inputs. Raises `DefinitionError` when
     the region reads a state that the system does not have.
+
+    >>> hf.outward_rates(cart, slow, brake)
+    {'fast': (-c*v - k*x)*sgn(v)}
     """
     region.check_reads(system.name, system.state_names)
     rates = {c.name: system.derivative(c.expression) for c in region.inequalities}
@@ -91,9 +94,14 @@ class ViabilityCondition:
 def viability_conditions(system: System, region: Region) -> tuple[ViabilityCondition, ...]:
     """One condition for each smooth piece of each inequality of `region`.
 
-    |x| <= 1 and max(a, b) <= 0 are two pieces each. Raises `DefinitionError` when the region
-    reads a quantity that the system lacks, an input does not appear affinely, or neither the
-    first nor the second derivative contains an input (relative degree above 2).
+    |x| <= 1 and max(a, b) <= 0 are two pieces each.
+
+    Raises `DefinitionError` when the region reads a quantity that the system lacks, an input does
+    not appear affinely, or neither the first nor the second derivative contains an input (relative
+    degree above 2).
+
+    >>> [condition.relative_degree for condition in hf.viability_conditions(cart, track)]
+    [2, 2]
     """
     region.check_reads(system.name, system.state_names)
     values = {p.symbol: p.value for p in (*system.parameters, *region.parameters)}

@@ -74,19 +74,28 @@ def redesign(
 ) -> Switching:
     """The viable redesign of `law` for `region`.
 
-    `viable` maps the name of every inequality to the law used at its boundary, `layers` to
-    its (cmax, cmin). `hold`, entered for good when `hold_when` >= 0 while a viable law is
-    active, is the law that keeps the goal set. Modes: pursue (sigma = 1), protect
-    (sigma < 1), hold. A disturbance that one of the laws measures is measured in every mode.
+    viable: the name of every inequality -> the law used at its boundary. layers: the same names ->
+    (cmax, cmin), in the unit of the inequality. hold: the law that keeps the goal set, entered for
+    good while a viable law is active. hold_when: an expression; it is entered where this is >= 0.
 
-    `goal` is the state that `law` converges to (states left out are 0; by default the
-    parameters goal_x, goal_y of the law, where it has them, and heading 0). `as_printed` takes
-    the middle branch of (5.26) as the thesis prints it.
+    Modes: pursue (sigma = 1), protect (sigma < 1), hold. A disturbance that one of the laws
+    measures is measured in every mode.
+
+    goal: the state that `law` converges to (states left out are 0; by default the parameters
+    goal_x, goal_y of the law, where it has them, and heading 0). as_printed: whether to take the
+    middle branch of (5.26) as the thesis prints it.
 
     Raises `DefinitionError` when an inequality lacks a law or a layer, a law gives other
     outputs, only one of `hold` and `hold_when` is given, two laws contain different values of a
     disturbance, or the goal is outside the region or inside a layer, where the convergent law is
     never fully active.
+
+    >>> boat, view = hf.systems.marine_vehicle(), hf.regions.camera_view()
+    >>> face = dict.fromkeys(view.inequality_names, hf.laws.face_target(boat))
+    >>> layers = dict.fromkeys(view.inequality_names, (-0.1, -0.03))
+    >>> law = hf.redesign(hf.laws.steer_marine(boat), view, viable=face, layers=layers)
+    >>> list(law.modes)
+    ['pursue', 'protect']
     """
     for what, table in (("viable law", viable), ("layer", layers)):
         for name in region.inequality_names:

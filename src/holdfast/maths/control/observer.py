@@ -105,6 +105,10 @@ def observe(
 
     Raises `DefinitionError` for unknown names, a law that already has a memory, a time-varying
     system, or a quantity that the law reads and that moves none of the measured states.
+
+    >>> seen = hf.observe(gusty, brake, measured=["x"], bandwidth=5.0)
+    >>> hf.simulate(gusty, seen, starts=starts, horizon=8.0, disturbance={"d": 0.1})
+    <Result of 2 runs: 2 stayed>
     """
     names = tuple(system.state_names if measured is None else measured)
     for name in names:
@@ -417,19 +421,28 @@ def observe_set(
     """`law` with a guaranteed set of the disturbance, which its safety filter counts as a whole.
 
     The law itself gets the middle of the set, and the model's values of the states that are not
-    measured. measured: names of states, by default all. bandwidth: w in 1/s, above 0.
-    error_bounds: state -> the largest error of its measurement, or of the model's value of a state
-    that is not measured, in its unit; 0 where left out, but above 0 where a disturbance is found
-    from the state. rate_bounds: disturbance -> the most by which what the vehicle feels of it
-    changes in a second, in its unit per second: with time, and with the place times the speed over
-    ground. One that is left out, or 0, is constant. The set is as true as these bounds and the
-    model. Memory: NAME_hat of other states, NAME_low and NAME_high of every disturbance, and what
-    they are found from.
+    measured. measured: names of states, by default all. bandwidth: w in 1/s, above 0. error_bounds:
+    state -> the largest error of its measurement, or of the model's value of a state that is not
+    measured, in its unit; 0 where left out, but above 0 where a disturbance is found from the
+    state. rate_bounds: disturbance -> the most by which what the vehicle feels of it changes in a
+    second, in its unit per second: with time, and with the place times the speed over ground. One
+    that is left out, or 0, is constant.
+
+    The set is as true as these bounds and the model. Memory: NAME_hat of other states, NAME_low and
+    NAME_high of every disturbance, and what they are found from.
 
     Raises `DefinitionError` for unknown names and invalid bounds, a law with a memory of what it
     measures, a time-varying system, a disturbance without finite bounds or that does not enter
     one measured state's rate alone with a constant coefficient, one that moves an unmeasured
     state, and a condition whose normal depends on what is not measured.
+
+    >>> boat = hf.systems.drifting_unicycle()
+    >>> ahead = hf.Law("ahead", boat.states, {"v": 0.2, "r": 0})
+    >>> seen = {"measured": ["x", "y", "psi"], "bandwidth": 2.0}
+    >>> errors = {"x": 0.01, "y": 0.01, "psi": 0.01}
+    >>> law = hf.observe_set(boat, ahead, **seen, error_bounds=errors)
+    >>> [q.name for q in law.memory.quantities][:4]
+    ['Vx_unmoved', 'Vx_doubt', 'Vx_low', 'Vx_high']
     """
     names = tuple(system.state_names if measured is None else measured)
     for name in (*names, *error_bounds):

@@ -188,12 +188,17 @@ def in_order(filters: Sequence[Law]) -> Law:
     """One law with the safety filters of several, the most important first.
 
     filters: the same law with different safety filters (`safeguard`, `safety_law`), of one system.
+
     The input is the admissible one nearest to the command. Where not all conditions can be met,
     those of the last filter give way first: each level in turn is relaxed by the least amount that
     the levels before it allow.
 
     Raises `DefinitionError` for a law without a safety filter, more than one kernel, two filters
     with an inequality or a parameter of the same name, and more than six filters.
+
+    >>> both = hf.in_order([hf.safeguard(cart, brake, track), hf.safeguard(cart, brake, slow)])
+    >>> both.safeguard.levels
+    (2, 2)
     """
     if not 1 <= len(filters) <= MOST_LEVELS:
         raise DefinitionError(f"{len(filters)} filters", expected=f"1 to {MOST_LEVELS}")
@@ -273,20 +278,21 @@ def safeguard(
 ) -> L:
     """`law` with a safety filter: the least change of its inputs that keeps `region` viable.
 
-    constraints: further inequalities, enforced like those of the region. A run that violates one
-    of them has not left the region. gains: (k1, k2) in 1/s, above 0, by default (1, 4),
-    or as much less as a `sample_time` [s] bears that is known. margins: name of an inequality
-    -> m_j >= 0 in its own unit, how far inside the boundary to stay. scales: input -> the change of
-    it that counts as much as a change of another by its own scale; half the width of its bounds
-    where they are finite, else 1. disturbance_measured: whether the law measures the
-    disturbances, but those of `worst`; if not, it uses its believed values, or zero. worst:
-    disturbances against which the conditions hold wherever in their bounds they are (robust control
-    barrier function), such as what a model leaves unexplained: the condition of a constraint c has
-    the support function of the bounds at the coefficients of d in it. uncertain: parameter of the
-    system or the region -> (least, largest), in its unit: the conditions hold for every model of
-    this box; a parameter that multiplies an input makes two of one (`parameter_box`). If no input
-    is admissible, all conditions are relaxed by the same least amount, and the run counts such
-    samples.
+    constraints: further inequalities, enforced like those of the region. A run that violates one of
+    them has not left the region. gains: (k1, k2) in 1/s, above 0, by default (1, 4), or as much
+    less as a `sample_time` [s] bears that is known. margins: name of an inequality -> m_j >= 0 in
+    its own unit, how far inside the boundary to stay. scales: input -> the change of it that counts
+    as much as a change of another by its own scale; half the width of its bounds where they are
+    finite, else 1. disturbance_measured: whether the law measures the disturbances, but those of
+    `worst`; if not, it uses its believed values, or zero. worst: disturbances against which the
+    conditions hold wherever in their bounds they are (robust control barrier function), such as
+    what a model leaves unexplained: the condition of a constraint c has the support function of the
+    bounds at the coefficients of d in it. uncertain: parameter of the system or the region ->
+    (least, largest), in its unit: the conditions hold for every model of this box; a parameter that
+    multiplies an input makes two of one (`parameter_box`).
+
+    If no input is admissible, all conditions are relaxed by the same least amount, and the run
+    counts such samples.
 
     An input that enters a constraint later than others is used
     (`maths/control/barrier_conditions.py`). A closed loop whose sample time does not bear the gains
@@ -296,6 +302,10 @@ def safeguard(
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball of more
     than three dimensions or by more actuators than inputs, a condition that is not affine in a
     disturbance of `worst` or not rational in an uncertain parameter, and invalid names or numbers.
+
+    >>> kept = hf.safeguard(cart, brake, track, gains=(1.0, 4.0))
+    >>> hf.simulate(cart, kept, starts=[[0.9, 0.3]], region=track, horizon=8.0)
+    <Result of 1 runs: 1 stayed>
     """
     gains = usual_gains(sample_time) if gains is None else gains
     pair = isinstance(gains, Sequence) and len(gains) == 2
@@ -557,15 +567,19 @@ def limit_rates(
     """`law` with its inputs, or the rates of states, kept from changing faster.
 
     rates: name of an input, or of a state in whose rate an input is, -> the largest magnitude of
-    its rate, in its unit per second. The law may have a safety filter; it keeps its conditions.
-    The input before the first sample counts as 0. A law whose inputs are limited remembers the
-    last ones, and is a `Switching`.
+    its rate, in its unit per second.
+
+    The law may have a safety filter; it keeps its conditions. The input before the first sample
+    counts as 0. A law whose inputs are limited remembers the last ones, and is a `Switching`.
 
     Where the limit of an input leaves no input that meets the other conditions, these are
     relaxed by the least amount, and runs count it: a region's conditions know nothing of it.
 
     Raises `DefinitionError` for an unknown name, a number that is not above 0, and a state whose
     rate no input reaches, or not affinely.
+
+    >>> hf.limit_rates(cart, brake, {"a": 2.0}).memory.following
+    {'last_a': a}
     """
     check_outputs(system, law)
     if not rates:

@@ -34,12 +34,17 @@ def add_unmodelled(system: System, names: Sequence[str], bounds: Bounds) -> Syst
         state s: qdot_s = f_s(q, u, d) + w_s  w_s in the unit of the state, per second
 
     names: inputs and states; the disturbance of each is called unmodelled_NAME. bounds: what they
-    may be, in this order. They are zero in a simulation unless given: a constant, an expression of
-    time such as a wave, or a worst case. A kernel counts with all that the bounds admit. The part
-    of an input can be cancelled (`cancel_unmodelled`); one of a state without an input, such as a
-    force from the side, cannot, and a safety filter that knows it counts with it.
+    may be, in this order.
+
+    They are zero in a simulation unless given: a constant, an expression of time such as a wave, or
+    a worst case. A kernel counts with all that the bounds admit. The part of an input can be
+    cancelled (`cancel_unmodelled`); one of a state without an input, such as a force from the side,
+    cannot, and a safety filter that knows it counts with it.
 
     Raises `DefinitionError` for unknown names, and bounds of another dimension.
+
+    >>> hf.add_unmodelled(cart, ["a"], hf.Box((-0.2,), (0.2,))).disturbance_names
+    ('unmodelled_a',)
     """
     chosen = tuple(names)
     inputs = {q.name: q for q in system.inputs}
@@ -98,6 +103,10 @@ def cancel_unmodelled(system: System, law: L) -> L:
     The law then reads w, which `observe` estimates: track velocities first, then cancel, then
     safeguard, then observe. Raises `DefinitionError` for a system without unmodelled parts of
     inputs, and for a law that does not give the inputs.
+
+    >>> waves = hf.add_unmodelled(cart, ["a"], hf.Box((-0.2,), (0.2,)))
+    >>> hf.cancel_unmodelled(waves, brake).outputs["a"]
+    -c*v - k*x - unmodelled_a
     """
     felt = {q.name.removeprefix(PREFIX): q for q in system.disturbances}
     felt = {n: q for n, q in felt.items() if n in system.input_names and q.name == PREFIX + n}

@@ -29,6 +29,9 @@ def commanded(system: System, outputs: Sequence[str] | None = None) -> Law:
     to track (`track_velocity`). Whoever runs the law hands it `command_NAME` at every sample.
 
     Raises `DefinitionError` for an unknown name.
+
+    >>> hf.commanded(cart).handed
+    (Quantity(name='command_a', unit='m/s^2', description='commanded a', angle=False, role=''),)
     """
     by_name = {q.name: q for q in (*system.states, *system.inputs)}
     names = system.input_names if outputs is None else tuple(outputs)
@@ -75,8 +78,9 @@ def track_velocity(
 
         wdot = -k (w - gamma) + d/dt gamma          (5.21), (5.22)
 
-    `gains` maps each velocity (a state that `law` outputs) to its k > 0 in 1/s. The inputs
-    are solved from the system's own rates, and d/dt gamma is derived along them, with
+    gains: each velocity (a state that `law` outputs) -> its k > 0 [1/s].
+
+    The inputs are solved from the system's own rates, and d/dt gamma is derived along them, with
     the disturbances that the law believes in. Where one gamma depends on another tracked velocity
     w', the rate that w' is given takes the place of dw'/dt. A `Switching` is treated mode by mode.
     With more inputs than velocities, each input has its share by least squares.
@@ -86,6 +90,11 @@ def track_velocity(
     gamma depends on an input-driven state that is not tracked, or on itself in a circle; or if
     d/dt gamma is unknown: gamma varies with the law's lookup table (bang-bang velocities do so
     only where they switch).
+
+    >>> boat = hf.systems.marine_vehicle()
+    >>> law = hf.track_velocity(boat, hf.laws.steer_marine(boat), {"u": 5.0, "r": 9.0})
+    >>> sorted(law.outputs)
+    ['tau_r', 'tau_u']
     """
     if isinstance(law, Switching):
         return law.map_laws(

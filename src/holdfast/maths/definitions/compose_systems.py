@@ -20,9 +20,15 @@ Pose = tuple[str, str, str]
 
 @checked
 def renamed(system: System, names: Mapping[str, str], name: str = "") -> System:
-    """The same system with other names for its quantities: { old: new }.
+    """The same system with other names for its quantities.
+
+    names: the present name -> the new one. name: of the new system, by default that of the present
+    one.
 
     Raises `DefinitionError` for a name that the system does not have.
+
+    >>> hf.renamed(cart, {"x": "place"}).state_names
+    ('place', 'v')
     """
     quantities = (*system.states, *system.inputs, *system.disturbances, *system.parameters)
     declared = [q.name for q in quantities]
@@ -62,7 +68,12 @@ def renamed(system: System, names: Mapping[str, str], name: str = "") -> System:
 def side_by_side(*systems: System, name: str) -> System:
     """One system of several uncoupled ones; a parameter of the same name is the same number.
 
+    systems: two or more.
+
     Raises `DefinitionError` where two have a quantity of the same name.
+
+    >>> hf.side_by_side(robot, hf.renamed(cart, {"x": "s", "v": "u"}), name="both").state_names
+    ('x', 'y', 'psi', 's', 'u')
     """
     return System(
         name=name,
@@ -92,9 +103,21 @@ def seen_from(
 
         (x, y) = R(-theta_L) (r_F - r_L),   beta = theta_F - theta_L
 
-    Both are planar vehicles of three states; `pose` names x, y and beta. The rates are derived
-    from theirs: differentiated, and written in x, y and beta, which must be possible whatever the
-    leader's pose. Raises `DefinitionError` where it is not.
+    Both are planar vehicles of three states.
+
+    leader_pose, follower_pose: of each the names of its place and heading, (x, y, theta). pose: the
+    names of x, y and beta. leader, follower: systems with no name in common.
+
+    The rates are derived from theirs: differentiated, and written in x, y and beta, which must be
+    possible whatever the leader's pose.
+
+    Raises `DefinitionError` where it is not.
+
+    >>> names = ("x", "y", "psi", "v", "r", "speed_limit", "turn_limit")
+    >>> first = hf.renamed(robot, {name: name + "1" for name in names})
+    >>> poses = (("x1", "y1", "psi1"), robot, ("x", "y", "psi"))
+    >>> hf.seen_from(first, *poses, pose=("ahead", "left", "turn")).rates["turn"]
+    r - r1
     """
     both = side_by_side(leader, follower, name=f"{follower.name} seen from {leader.name}")
     if set(both.state_names) != {*leader_pose, *follower_pose} or both.disturbances:

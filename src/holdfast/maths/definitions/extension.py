@@ -42,9 +42,14 @@ def steady_bounds(system: System, states: tuple[str, ...]) -> Box:
     that cannot be held. Each state is taken by itself, so that a corner of the box may be more than
     the inputs can hold together. In the unit of the state, at the values of the parameters.
 
+    states: their names, one interval for each.
+
     Raises `DefinitionError` for an unknown state, inputs without bounds, a rate that depends on
     time or is not affine in the inputs, and a state that the inputs cannot hold at 0 or hold at
     any value.
+
+    >>> hf.steady_bounds(hf.systems.marine_vehicle(), ("u",)).upper
+    (1.21047117320802,)
     """
     for name in states:
         if name not in system.state_names:
@@ -137,11 +142,17 @@ def promote(
 ) -> System:
     """The subsystem in which `states` are the inputs, and the former inputs are gone.
 
-    disturbances: states that become disturbances, listed before the existing ones, within
-    `disturbance_bounds`. `steady_bounds` gives the `bounds` that the former inputs can hold. The
-    subsystem Sigma_1 of section 5.4.2 is promote(marine_vehicle, ("u", "r")); (7.4) of the thesis
-    has the sway velocity "v" as a disturbance too. Raises `DefinitionError` for an unknown state,
-    or when a remaining rate contains an old input.
+    states: those that become inputs. bounds: of the new inputs; None for none. disturbances: states
+    that become disturbances, listed before the existing ones. disturbance_bounds: of these.
+    `steady_bounds` gives the `bounds` that the former inputs can hold.
+
+    The subsystem Sigma_1 of section 5.4.2 is promote(marine_vehicle, ("u", "r")); (7.4) of the
+    thesis has the sway velocity "v" as a disturbance too.
+
+    Raises `DefinitionError` for an unknown state, or when a remaining rate contains an old input.
+
+    >>> hf.promote(cart, ("v",), hf.Box((-0.5,), (0.5,))).input_names
+    ('v',)
     """
     promoted = (*states, *disturbances)
     _check_names(system, promoted)
@@ -181,9 +192,16 @@ def promote(
 def subsystem(system: System, states: tuple[str, ...]) -> System:
     """The subsystem of these states, whose rates do not depend on the others.
 
+    states: the names of those that stay.
+
     (7.5) of the thesis is the subsystem of ("u", "v", "r"). Disturbances that no remaining rate
-    depends on are left out. Raises `DefinitionError` for an unknown state, and for a rate that
-    depends on a state that is left out.
+    depends on are left out.
+
+    Raises `DefinitionError` for an unknown state, and for a rate that depends on a state that is
+    left out.
+
+    >>> hf.subsystem(hf.systems.marine_vehicle(), ("u", "v", "r")).state_names
+    ('u', 'v', 'r')
     """
     _check_names(system, states)
     rates = {n: r for n, r in system.rates.items() if n in states}
@@ -238,10 +256,20 @@ def dynamic_extension(
         q' = f(q, u),   u' = u_rate
 
     With a velocity as input its rate is an acceleration, with a force it is how fast an actuator
-    acts. A region may then constrain u, and f too, such as an acceleration. The bounds that u had
-    do not bound the new inputs: `input_limits` gives them as constraints of the state, which
-    belong in the region. Raises `DefinitionError` for an unknown input, and where the others are
-    not free of those that are extended.
+    acts.
+
+    inputs: their names. rates: the bounds of the new inputs, in the unit of the input per second;
+    None for none.
+
+    A region may then constrain u, and f too, such as an acceleration. The bounds that u had do not
+    bound the new inputs: `input_limits` gives them as constraints of the state, which belong in the
+    region.
+
+    Raises `DefinitionError` for an unknown input, and where the others are not free of those that
+    are extended.
+
+    >>> hf.dynamic_extension(robot, ("v",), hf.Box((-1,), (1,))).state_names
+    ('x', 'y', 'psi', 'v')
     """
     for name in inputs:
         if name not in system.input_names:
@@ -277,6 +305,9 @@ def input_limits(system: System, inputs: tuple[str, ...] | None = None) -> Regio
 
     inputs: those that are extended, by default all. Raises `DefinitionError` for inputs without
     bounds, and for a set that is not a polytope.
+
+    >>> hf.input_limits(robot, ("v",)).inequality_names
+    ('v_high', 'v_low')
     """
     names = system.input_names if inputs is None else inputs
     chosen = [q for q in system.inputs if q.name in names]
@@ -306,7 +337,13 @@ def input_limits(system: System, inputs: tuple[str, ...] | None = None) -> Regio
 
 @checked
 def both(first: Region, second: Region) -> Region:
-    """The states in both regions; the name and the text are those of the first."""
+    """The states in both regions; the name and the text are those of the first.
+
+    first, second: regions, whose inequalities have different names.
+
+    >>> hf.both(track, slow).inequality_names
+    ('end', 'fast')
+    """
     reads = {q.name: q for q in (*first.reads, *second.reads)}
     return replace(
         first,
@@ -345,6 +382,7 @@ def lagged(
 
     lag: input, or actuator such as a thruster -> T_i [s], above 0; slew: the same -> R_i [its unit
     per second]. Without both, those that the system declares: parameters NAME_lag and NAME_slew.
+
     a_i is the state actual_NAME, 0 at the start unless given. The inputs keep their names and
     bounds, so that a law or a filter of `system` runs on the lagged system as it is; a law derived
     from the lagged system itself would know the lag.
@@ -355,6 +393,9 @@ def lagged(
 
     Raises `DefinitionError` for unknown names, inputs and actuators together, and numbers that are
     not above 0.
+
+    >>> hf.lagged(cart, {"a": 0.2}).rates["actual_a"]
+    (a - actual_a)/lag_a
     """
     as_declared = lag is None
     if lag is None:

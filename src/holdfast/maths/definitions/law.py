@@ -192,8 +192,13 @@ class LawCases(Value):
 class GainCondition(Value):
     """A stability condition value < limit on the gains, and the consequence of violating it.
 
-    Besides parameters it may use `SAMPLE_TIME` and `DELAY`. `closed`: the limit itself is allowed.
-    `refused`: a closed loop that violates it is refused, where others are warned of.
+    value, limit: expressions of parameters, `SAMPLE_TIME` and `DELAY`. consequence: of violating
+    it, a sentence. closed: whether the limit itself is allowed. refused: whether a closed loop that
+    violates it is refused; others are warned of.
+
+    >>> c = hf.symbol("c")
+    >>> hf.GainCondition(c * hf.SAMPLE_TIME, 2, "the sampled loop is unstable", "").value
+    c*sample_time
     """
 
     value: sp.Expr
@@ -330,6 +335,8 @@ class Safeguard(Value):
     `levels`: how many relaxed conditions each level of priority has, the most important first;
     where not all can be met the last level gives way first. By default there is one level.
     foresight: a condition that is no half-space.
+
+    Raises `DefinitionError` for more levels than `MOST_LEVELS`.
     """
 
     normals: Mapping[str, tuple[sp.Expr, ...]]
@@ -388,14 +395,24 @@ class Safeguard(Value):
 class Law(Printed):
     """u_i = outputs_i(t, q; p).
 
-    `reads` are the quantities the law may use, all of them measured: states, and disturbances
-    that it knows at every instant; an output or signal with any other symbol is refused.
-    `signals` are named expressions to record. `believed`: the values that the law assumes for
-    disturbances, by name, where it needs the rates of the states; a missing name means zero.
-    `handed`: quantities that somebody else gives at every sample, such as the command of another
-    controller; expressions may use them as they use `reads`.
-    `safeguard`: a safety filter, the half-spaces that the outputs are kept in. `lookup`: a
-    function known on a grid, whose symbols the outputs, signals and safeguard may use.
+    reads: the quantities that the law may use, all of them measured: states, and disturbances that
+    it knows at every instant; an output or signal with any other symbol is refused. outputs: input
+    -> its expression, in the unit of the input; text is read as an expression. parameters: what
+    they use besides, such as gains. signals: named expressions to record. conditions: on the gains,
+    each a `GainCondition`. believed: the values that the law assumes for disturbances, by name,
+    where it needs the rates of the states; a missing name means zero. handed: quantities that
+    somebody else gives at every sample, such as the command of another controller; expressions may
+    use them as they use `reads`. safeguard: a safety filter, the half-spaces that the outputs are
+    kept in. lookup: a function known on a grid, whose symbols the outputs, signals and safeguard
+    may use.
+
+    Raises `DefinitionError` without outputs, and for an expression of undeclared names.
+
+    >>> gain = hf.Parameter("k", "1/s", value=2.0)
+    >>> print(hf.Law("slow down", cart.states, {"a": "-k*v"}, parameters=(gain,)))
+    Law 'slow down' of x, v
+      a = -k*v
+      parameters: k = 2 1/s
     """
 
     name: str

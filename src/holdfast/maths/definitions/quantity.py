@@ -189,7 +189,11 @@ _RESERVED = frozenset(("t", "time_in_mode", "sample_time", "delay", "pi", "diff"
 
 @checked
 def symbol(name: str) -> sp.Symbol:
-    """The symbol of a declared name; everything in holdfast is real."""
+    """The symbol of a declared name; everything in holdfast is real.
+
+    >>> hf.symbol("speed") * 2
+    2*speed
+    """
     return sp.Symbol(name, real=True)
 
 
@@ -202,8 +206,15 @@ Role = Literal["", "current"]
 class Quantity:
     """A scalar with a name (used in expressions), a unit (SI), and whether it is an angle.
 
-    role: "current" of a disturbance that is a component of the current, in m/s over ground; laws,
-    margins and figures ask for it by this role, whatever it is called.
+    angle: whether it wraps after a whole turn; its unit is then rad. role: "current" of a
+    disturbance that is a component of the current, in m/s over ground; laws, margins and figures
+    ask for it by this role, whatever it is called.
+
+    Raises `DefinitionError` for a name that no expression can use, an angle in another unit than
+    rad, and a current in another than m/s.
+
+    >>> hf.Quantity("psi", "rad", "heading", angle=True)
+    Quantity(name='psi', unit='rad', description='heading', angle=True, role='')
     """
 
     name: str
@@ -257,9 +268,15 @@ def may_be_left_out(record: type) -> set[str]:
 class Parameter(Quantity):
     """A quantity whose number is known.
 
-    value: the number, in `unit`. above: a limit that it has to exceed. source: where the number is
-    from. assumed: whether nobody has measured it. gain: whether it is a gain of a law, a number
-    that its designer is free to choose.
+    value: the number, in `unit`. angle, role: as of a `Quantity`. above: a limit that it has to
+    exceed. source: where the number is from. assumed: whether nobody has measured it. gain: whether
+    it is a gain of a law, a number that its designer is free to choose.
+
+    Raises `DefinitionError` as `Quantity` does, and for a value that is not finite or not above the
+    limit.
+
+    >>> hf.Parameter("mass", "kg", value=25.0, above=0.0).value
+    25.0
     """
 
     value: InItsUnit = math.nan

@@ -100,7 +100,17 @@ def _remedy(relation: sp.logic.boolalg.Boolean) -> str:
 @checked
 @dataclass(frozen=True)
 class Inequality(Value):
-    """expression <= 0, in the unit given. scale: how much of it, in that unit, counts as 1."""
+    """expression <= 0, in the unit given.
+
+    expression: of the states and parameters of its region. scale: how much of it, in that unit,
+    counts as 1.
+
+    Raises `DefinitionError` for a relation such as x <= 1 in the place of x - 1, and a scale that
+    is not above 0.
+
+    >>> hf.Inequality("fast", abs(v) - 0.5, "m/s")
+    Inequality(name='fast', expression=magnitude(v) - 0.5, unit='m/s', description='', scale=None)
+    """
 
     name: str
     expression: Written
@@ -134,8 +144,18 @@ class Inequality(Value):
 class Region(Printed):
     """K = { q : c_j(q) <= 0 for every j } (thesis (5.4), with its parameters).
 
-    `reads` are the states the inequalities use. `scene` holds the shapes to draw. A moving region,
-    whose inequalities depend on `TIME`, is for kernels and reachable sets.
+    reads: the states that the inequalities use. inequalities: each an `Inequality`, c_j.
+    parameters: what they use besides. scene: the shapes to draw.
+
+    A moving region, whose inequalities depend on `TIME`, is for kernels and reachable sets.
+
+    Raises `DefinitionError` without an inequality, for two of the same name, and for an expression
+    of undeclared names.
+
+    >>> far = hf.Inequality("far", sp.sqrt(x**2 + hf.symbol("y")**2) - 2, "m")
+    >>> print(hf.Region("near", robot.states[:2], (far,)))
+    Region 'near' of x, y
+      far: sqrt(x**2 + y**2) - 2 <= 0 m
     """
 
     name: str

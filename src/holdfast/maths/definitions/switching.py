@@ -34,9 +34,17 @@ from holdfast.maths.expressions.parser import expression_of
 class Memory(Value):
     """z(0) = initial(q), z(k+1) = following(q(k), z(k), u(k)) for the quantities z.
 
-    `reads` are measured quantities. `inputs` are those of the system: the command to the
-    actuators at sample k, saturated at the limits that the controller knows. `following` may
-    also use `SAMPLE_TIME`.
+    quantities: z, with names and units. initial, following: name -> its expression. reads: q,
+    measured quantities. parameters: what the expressions use besides. inputs: those of the system,
+    the command to the actuators at sample k, saturated at the limits that the controller knows;
+    `following` may also use `SAMPLE_TIME`.
+
+    Raises `DefinitionError` for a value of a name that is not remembered, or none of one that is.
+
+    >>> travelled = hf.Quantity("travelled", "m")
+    >>> after = {"travelled": hf.symbol("travelled") + abs(v) * hf.SAMPLE_TIME}
+    >>> hf.Memory((travelled,), {"travelled": 0}, after, reads=cart.states).following
+    {'travelled': sample_time*magnitude(v) + travelled}
     """
 
     quantities: tuple[Quantity, ...]
@@ -92,8 +100,13 @@ def joined(one: Memory | None, other: Memory) -> Memory:
 class Transition(Value):
     """source -> target as soon as `when` >= 0.
 
-    Hysteresis is a pair of transitions whose expressions are offset against each other; a
-    minimum dwell is a guard that contains `TIME_IN_MODE`.
+    source, target: names of modes. when: an expression of what the laws read.
+
+    Hysteresis is a pair of transitions whose expressions are offset against each other; a minimum
+    dwell is a guard that contains `TIME_IN_MODE`.
+
+    >>> hf.Transition("coast", "brake", abs(x) - 0.5).when
+    magnitude(x) - 0.5
     """
 
     source: str
@@ -109,10 +122,22 @@ class Transition(Value):
 class Switching(Printed):
     """Modes (each a `Law` with the same outputs), guarded transitions and the first mode.
 
-    At every control sample the transitions out of the current mode are tried in the order
-    written. The first whose guard holds is taken, at most one per sample, before the law is
-    evaluated. `signals` are recorded in every mode. `memory`: the discrete-time state of the
-    controller; every mode may read it.
+    At every control sample the transitions out of the current mode are tried in the order written.
+    The first whose guard holds is taken, at most one per sample, before the law is evaluated.
+
+    modes: name -> its law. transitions: each a `Transition`. initial: the name of the first mode.
+    signals: named expressions that are recorded in every mode. extra_parameters: what transitions
+    and signals use besides those of the laws. memory: the discrete-time state of the controller;
+    every mode may read it.
+
+    Raises `DefinitionError` without modes, for modes with different outputs, and for a transition
+    from or to no mode.
+
+    >>> coast = hf.Law("coast", cart.states, {"a": 0})
+    >>> near_end = hf.Transition("coast", "brake", abs(x) - 0.5)
+    >>> print(hf.Switching("late", {"coast": coast, "brake": brake}, (near_end,), "coast"))
+    Switching 'late', from 'coast': coast, brake
+      coast -> brake as soon as magnitude(x) - 0.5 >= 0
     """
 
     name: str

@@ -48,8 +48,15 @@ FORMER_CURRENT = ("Vx", "Vy")
 class Antiderivative(Value):
     """A quantity int_0^upper integrand d(variable), which no elementary function is.
 
-    upper: an expression of the states. integrand: of `variable` and parameters. Its derivative is
-    exact, by the fundamental theorem; its value is by Gauss-Legendre quadrature with 16 nodes.
+    upper: an expression of the states. integrand: of `variable` and parameters. variable: a symbol
+    that nothing else is called.
+
+    Its derivative is exact, by the fundamental theorem; its value is by Gauss-Legendre quadrature
+    with 16 nodes.
+
+    >>> turned = hf.symbol("turned")
+    >>> hf.Antiderivative("arc", 1 / sp.cos(turned), turned, x).slope
+    1/cos(x)
     """
 
     name: str
@@ -89,6 +96,11 @@ class FlatOutput(Value):
     first: z1. last: (zk, ..., zn), at least zn; those before it spare the search their
     differentiation, and it refuses them unless they are what differentiation gives. All are zero at
     the origin. antiderivatives: quantities that these expressions name.
+
+    Raises `DefinitionError` without a last coordinate.
+
+    >>> hf.FlatOutput(first=x, last=(hf.symbol("y"),))
+    FlatOutput(first=x, last=(y,), antiderivatives=())
     """
 
     first: Written
@@ -111,7 +123,13 @@ def _nodes() -> tuple[tuple[sp.Float, sp.Float], ...]:
 @checked
 @dataclass(frozen=True)
 class Measurement(Quantity):
-    """A quantity that is measured: an expression of states and parameters."""
+    """A quantity that is measured: an expression of states and parameters.
+
+    expression: what it is, in `unit`. angle, role: as of a `Quantity`.
+
+    >>> hf.Measurement("range", "m", expression=abs(x)).expression
+    magnitude(x)
+    """
 
     expression: Written = sp.S.Zero
 
@@ -163,8 +181,14 @@ def by_measurements(system: System, law: Law | Switching) -> Law | Switching:
 class PfaffianRow(Value):
     """One constraint on the velocities: sum_i coefficients[i] * qdot_i = rhs.
 
-    Catastatic when rhs is zero (thesis (5.2)); a current or a sway velocity makes it
-    acatastatic (5.15).
+    coefficients: state -> the factor of its rate; 0 where it is left out. rhs: an expression of
+    states, disturbances and parameters.
+
+    Catastatic when rhs is zero (thesis (5.2)); a current or a sway velocity makes it acatastatic
+    (5.15).
+
+    >>> robot.pfaffian[0].coefficients["x"]
+    -sin(psi)
     """
 
     coefficients: Mapping[str, sp.Expr]
@@ -203,13 +227,30 @@ def bounds_text(of: Sequence[Quantity], bounds: Bounds | None) -> str:
 class System(Printed):
     """States q, inputs u, disturbances d, parameters p, rates f and Pfaffian rows.
 
-    `rates` maps every state to its rate. samples: the number of points per coordinate that replace
-    the bounds in a Hamiltonian without a closed form (0: such a Hamiltonian is refused).
-    `measurements`: output equations, which a law may read in place of the states. promoted: of a
-    reduced model, the states of the whole one that are its inputs or disturbances (`promote`).
-    flat_output: from which chained coordinates follow, where no pair of states is one.
+    states, inputs, disturbances: each a `Quantity`, in the order of all arrays. rates: state -> its
+    rate, an expression or text, in the unit of the state per second. parameters: what expressions
+    use besides. input_bounds, disturbance_bounds: `Box`, `Ball`, `LinearImage` or `Product`, in the
+    order of the inputs and of the disturbances; None for no bounds. pfaffian: constraints on the
+    velocities, which the rates keep. samples: the number of points per coordinate that replace the
+    bounds in a Hamiltonian without a closed form (0: such a Hamiltonian is refused). measurements:
+    output equations, which a law may read in place of the states. promoted: of a reduced model, the
+    states of the whole one that are its inputs or disturbances (`promote`). flat_output: from which
+    chained coordinates follow, where no pair of states is one.
+
     Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, or the rates
     leave a Pfaffian constraint.
+
+    >>> slider = hf.System(
+    ...     "slider",
+    ...     states=(hf.Quantity("x", "m"),),
+    ...     inputs=(hf.Quantity("v", "m/s"),),
+    ...     rates={"x": hf.symbol("v")},
+    ...     input_bounds=hf.Box((-0.5,), (0.5,)),
+    ... )
+    >>> print(slider)
+    System 'slider': 1 state, 1 input
+      x' = v
+      inputs: v in [-0.5, 0.5] m/s
     """
 
     name: str

@@ -41,6 +41,11 @@ class Varied(Value):
 
     Raises `DefinitionError` for an invalid range, a parameter that is varied twice, a value that
     uses a later one, vertices of a parameter that is not drawn, or vertices of more than ten draws.
+
+    >>> follow = hf.laws.steer_unicycle(robot)
+    >>> gains = hf.Varied(draws={"k1": (0.5, 1.5)}, vertices=("k1",))
+    >>> hf.simulate(robot, follow, starts=[[1.0, 0.5, 0.0]], varied=gains, horizon=1.0)
+    <Result of 2 runs: 2 stayed>
     """
 
     draws: Mapping[str, tuple[float, float]] = field(default_factory=dict)

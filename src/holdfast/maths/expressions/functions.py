@@ -126,8 +126,13 @@ def wiener_process(intensity: float | sp.Expr) -> sp.Expr:
         W(0) = 0,   W(t + h) - W(t) normal with mean 0 and variance intensity^2 h
 
     intensity: a number, or an expression of parameters, in the unit of the disturbance per sqrt(s).
+
     A run holds the value for a sample; each disturbance has processes of its own, which the seed
     and the number of the run fix. Source: B. Oksendal, Stochastic Differential Equations, 2.2.
+
+    >>> gust = {"d": hf.wiener_process(0.01)}
+    >>> hf.simulate(gusty, brake, starts=starts, disturbance=gust, horizon=2.0)
+    <Result of 2 runs: 2 stayed>
     """
     return wiener(sp.sympify(intensity))
 

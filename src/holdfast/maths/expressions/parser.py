@@ -71,10 +71,16 @@ FORBIDDEN = {
 
 @checked
 def parse_expression(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
-    """The expression written in `text`; `names` maps every declared name to its symbol.
+    """The expression written in `text`.
 
-    A number stands for itself. Raises `ExpressionError` for an unknown name, a forbidden
-    construct, a number or power out of range, or text that is too long or nested too deep.
+    text: arithmetic, functions such as cos, and the names; a number stands for itself. names: every
+    declared name -> its symbol.
+
+    Raises `ExpressionError` for an unknown name, a forbidden construct, a number or power out of
+    range, or text that is too long or nested too deep.
+
+    >>> hf.parse_expression("2*cos(v) - x", {"x": x, "v": v})
+    -x + 2*cos(v)
     """
     return _parsed(text, names, processes=True)
 
@@ -110,7 +116,13 @@ def _parsed(text: object, names: Mapping[str, sp.Expr], *, processes: bool) -> s
 
 @checked
 def parse_condition(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
-    """The level expression of a condition such as "x < 0 and abs(y) > 0.5"."""
+    """The level expression of a condition such as "x < 0 and abs(y) > 0.5": >= 0 where it holds.
+
+    text, names: as of `parse_expression`. Raises `ExpressionError` as that does.
+
+    >>> hf.parse_condition("x < 1 and v > 0", {"x": x, "v": v})
+    least(1 - x, v)
+    """
     if not isinstance(text, str):
         raise ExpressionError(f"got {text!r}", expected="a condition in quotes")
     return _Translator(text, names).condition()

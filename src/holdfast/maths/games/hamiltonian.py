@@ -175,7 +175,9 @@ class Hamiltonian:
 def hamiltonian(
     system: System, *, inputs: str = "max", disturbances: str = "min", samples: int | None = None
 ) -> Hamiltonian:
-    """The Hamiltonian of `system` within its bounds; each player a "max" or a "min".
+    """The Hamiltonian of `system` within its bounds.
+
+    inputs, disturbances: what each player does, "max" or "min".
 
     samples: the points per coordinate that replace the set of an input without a closed form;
     the others keep their closed form. By default `system.samples`.
@@ -183,6 +185,9 @@ def hamiltonian(
     Raises `DefinitionError` for an input or a disturbance that is unbounded; without samples, for
     rates that are not affine in them, or that multiply one by another; and for samples where a
     closed form exists, or more points than `MOST`.
+
+    >>> hf.hamiltonian(gusty, inputs="max", disturbances="min").value
+    _p0*v + 0.8*magnitude(_p1)
     """
     for what, side in (("inputs", inputs), ("disturbances", disturbances)):
         if side not in ("max", "min"):

@@ -76,10 +76,16 @@ class CriticalPoint:
 def classify(field: Field, point: Sequence[sp.Expr | float] | None = None) -> CriticalPoint:
     """Sectors, index and kind of a planar field at one of its zeros, the origin by default.
 
-    First for every value of the parameters above their limits, then, where a sign depends on
-    it, at their values. A point given in decimals is classified by its Jacobian. Raises
-    `DefinitionError` where the field is not planar, not smooth, not zero there, or where its
+    point: where it is zero.
+
+    First for every value of the parameters above their limits, then, where a sign depends on it, at
+    their values. A point given in decimals is classified by its Jacobian.
+
+    Raises `DefinitionError` where the field is not planar, not smooth, not zero there, or where its
     leading part does not decide.
+
+    >>> hf.classify(hf.fields.dipolar()).kind
+    'rose'
     """
     if field.dimension != 2:
         raise DefinitionError(
@@ -111,9 +117,14 @@ def winding_number(
 ) -> int:
     """The winding number of the field along a circle, counted numerically.
 
-    The circle of `radius` is sampled finer and finer until the field turns by less than
-    pi/4 from one sample to the next. Raises `DefinitionError` where the field is not planar
-    or vanishes on the circle.
+    radius, centre: of the circle, in the unit of the coordinates. samples: on the circle at first;
+    it is sampled finer and finer until the field turns by less than pi/4 from one sample to the
+    next.
+
+    Raises `DefinitionError` where the field is not planar or vanishes on the circle.
+
+    >>> hf.winding_number(hf.fields.dipolar(), 1.0)
+    2
     """
     if field.dimension != 2:
         raise DefinitionError(
@@ -464,11 +475,17 @@ MOST_PLANES = 1000
 
 @checked
 def plane_by_plane(field: Field, count: int = 3, seed: int = 0) -> PlaneByPlane:
-    """The critical point at the origin, classified in `count` planes through p.
+    """The critical point at the origin, classified in planes through p.
+
+    count: of planes.
 
     The first plane is a standard one, the others are drawn at random from integer directions.
-    Raises `DefinitionError` where a plane through p is not invariant, so that no planar
-    picture exists.
+
+    Raises `DefinitionError` where a plane through p is not invariant, so that no planar picture
+    exists.
+
+    >>> hf.plane_by_plane(hf.fields.electric_dipole(), count=2).points[1].kind
+    'rose'
     """
     whole_number(count, "the number of planes", 1, MOST_PLANES)
     if field.dimension > 2:

@@ -68,10 +68,16 @@ def critical_points(
 ) -> Zeros:
     """The zeros of a field, classified where it is planar.
 
+    box: (lowest, highest) of each coordinate, in its unit.
+
     Polynomials: resultants, all real zeros. Fields whose part across p vanishes on lines only:
-    monotony along those lines, all real zeros. Otherwise Newton's method from a grid over
-    `box`, which excludes no other zero. In N > 2 dimensions the field must be axially
-    symmetric. Raises `DefinitionError` where zeros are not isolated.
+    monotony along those lines, all real zeros. Otherwise Newton's method from a grid over `box`,
+    which excludes no other zero. In N > 2 dimensions the field must be axially symmetric.
+
+    Raises `DefinitionError` where zeros are not isolated.
+
+    >>> [point.kind for point in hf.critical_points(hf.fields.dipolar()).critical_points]
+    ['rose']
     """
     if field.dimension > 2:
         return _symmetric_zeros(field, box)
@@ -290,11 +296,17 @@ def loop_exponent(field: Field) -> sp.Expr | None:
 
 @checked
 def flow_line(field: Field, start: Sequence[sp.Expr | float]) -> FlowLine:
-    """The flow line through a start x0, at the parameters' values; the same units as x0.
+    """The flow line through a start x0, at the values of the parameters.
 
-    A start on the axis of p gives one of the two half-lines, any other a loop; a start in
-    decimals gives numbers of 20 digits in place of exact ones. Raises
-    `DefinitionError` for x0 = 0, a wrong dimension, or a field whose lines are not loops.
+    start: x0, in the unit of the coordinates.
+
+    A start on the axis of p gives one of the two half-lines, any other a loop; a start in decimals
+    gives numbers of 20 digits in place of exact ones.
+
+    Raises `DefinitionError` for x0 = 0, a wrong dimension, or a field whose lines are not loops.
+
+    >>> hf.flow_line(hf.fields.dipolar(), [1, 1]).curve
+    (2*sqrt(2)*sin(a)**2*cos(a), 2*sqrt(2)*sin(a)**3)
     """
     exponent = loop_exponent(field)
     if exponent is None:
@@ -348,9 +360,15 @@ def exact_flow(field: Field, start: Sequence[sp.Expr | float], time: sp.Expr | f
 
         y = x/|x|^2,   y(t) = y(0) - p t
 
-    `start` in m, `time` in s, p then in 1/(m s). A start on the axis with p . x0 > 0 reaches
-    infinity at t = 1/(|p| |x0|), one with p . x0 < 0 has come from there at minus that time.
+    start [m]: x0. time [s]: t; p is then in 1/(m s).
+
+    A start on the axis with p . x0 > 0 reaches infinity at t = 1/(|p| |x0|), one with p . x0 < 0
+    has come from there at minus that time.
+
     Raises `DefinitionError` at and beyond these times, for x0 = 0, and for any other field.
+
+    >>> hf.exact_flow(hf.fields.dipolar(lam=2.0), [1.0, 0.5], 0.2)
+    (1.15384615384615, 0.769230769230769)
     """
     plane = meridian(field)
     c, s = plane.symbols
@@ -444,6 +462,9 @@ def field_facts(field: Field) -> list[str]:
 
     In N > 2 dimensions the critical point is described in the planes through p. Raises
     `DefinitionError` where zeros are not isolated.
+
+    >>> hf.field_facts(hf.fields.dipolar())[2]
+    'the origin: rose, two elliptic sectors, index 2, for every lam > 1'
     """
     names = ", ".join(q.name for q in field.coordinates)
     facts = [f"dimension {field.dimension}: ({names})"]

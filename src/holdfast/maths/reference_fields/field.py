@@ -29,12 +29,18 @@ LARGEST = 12
 class Field:
     """F_i(x; parameters) = factor * components[i], one component for each coordinate.
 
-    `components` are smooth at the zeros that are to be classified. `factor` is positive away
-    from the origin and does not change the flow lines: 1/r^3 of the electric dipole,
-    1/rho^2 of thesis (2.14). `potential` is V with F = -grad V, if it exists. `moment`
-    is the axis p, empty without one; `notes` are facts that were measured, not derived.
-    Raises `DefinitionError` when dimensions disagree, a name is undeclared, or the factor is
-    not positive.
+    coordinates: x, each a `Quantity`. components: expressions, smooth at the zeros that are to be
+    classified. parameters: what they use besides. factor: an expression, positive away from the
+    origin, that does not change the flow lines: 1/r^3 of the electric dipole, 1/rho^2 of thesis
+    (2.14). potential: V with F = -grad V, if it exists. moment: the axis p, empty without one.
+    notes: facts that were measured, not derived. unit: of F.
+
+    Raises `DefinitionError` when dimensions disagree, a name is undeclared, or the factor is not
+    positive.
+
+    >>> sink = hf.Field("sink", robot.states[:2], (-x, -hf.symbol("y")), unit="m")
+    >>> hf.classify(sink).kind
+    'node'
     """
 
     name: str

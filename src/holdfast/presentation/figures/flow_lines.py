@@ -43,12 +43,19 @@ _LOCAL = 0.22
 
 @checked
 def flow_lines_figure(field: Field, *, reach: float = 1.0, planes: int = 4) -> Figure:
-    """The flow lines of a field within `reach` of the origin, in the coordinates' unit.
+    """The flow lines of a field around the origin.
+
+    reach: how far from the origin, in the unit of the coordinates. planes: of a field in three
+    dimensions, how many planes through p.
 
     Planar: closed forms if they exist, otherwise streamlines; sectors are shaded about each
     critical point, out to the edge if the portrait is the same at every scale. Three dimensions:
-    loops in `planes` planes through p. More dimensions, or no closed form: the portrait in one
-    plane through p, which is the same in all.
+    loops in these planes. More dimensions, or no closed form: the portrait in one plane through p,
+    which is the same in all.
+
+    Raises `OutputError` for a reach that is not above 0, and for less than one plane.
+
+    >>> hf.flow_lines_figure(hf.fields.dipolar(), reach=2.0).savefig("field.png")
     """
     if not 0 < reach < math.inf or planes < 1:
         raise OutputError(

@@ -172,6 +172,8 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
     The title says which run it is, how it ended, and the start. run: its number, from 0.
 
     Raises `OutputError` for an unknown run.
+
+    >>> hf.histories_figure(result, run=1).savefig("histories.png")
     """
     data = result.arrays
     if not 0 <= run < data.sizes["run"]:

@@ -105,11 +105,15 @@ def paths_figure(
     cones: int = 4,
     cone_run: int = 0,
 ) -> Figure:
-    """All paths coloured by outcome, and the first `highlight` of them coloured by mode.
+    """All paths coloured by outcome, and the first of them coloured by mode.
 
     Inequalities of the two states of the plane have their line, with the forbidden side hatched;
-    others are named under the figure. `cones` fields of view, or a vehicle with its trailers as
-    often, are drawn along the path of run `cone_run`. Raises `OutputError` for an unknown state.
+    others are named under the figure. plane: the two states to draw. highlight: how many paths are
+    coloured by mode. cones: how many fields of view, or vehicles with their trailers, are drawn.
+    cone_run: along the path of which run.
+
+    >>> figure = hf.paths_figure(result, plane=("x", "v"))
+    >>> figure.savefig("paths.png")
     """
     data = result.arrays
     names = [str(n) for n in data["state_name"].values]

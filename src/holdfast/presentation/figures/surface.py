@@ -38,11 +38,16 @@ def surface_figure(
     """The surface of the set in three states, at its last time; the others first, in grey.
 
     at: state -> its fixed value, in its unit, for all but three states. others: label -> value
-    function of the same states, each in its own panel. view: elevation and azimuth of the eye
-    [deg]. If the set continues beyond the grid, it is cut flat there. Thesis figures 7.7 and 7.9.
+    function of the same states, each in its own panel. label: of the set itself. view: elevation
+    and azimuth of the eye [deg]. If the set continues beyond the grid, it is cut flat there. Thesis
+    figures 7.7 and 7.9.
 
     Raises `OutputError` unless three states remain, `SimulationError` for a state fixed outside
     the grid.
+
+    >>> place = hf.grid(robot, {"x": (-2, 2), "y": (-2, 2), "psi": (-np.pi, np.pi)}, 11)
+    >>> near = hf.Region("near", robot.states[:1], (hf.Inequality("far", abs(x) - 1, "m"),))
+    >>> hf.surface_figure(hf.viability_kernel(robot, near, place, 0.2)).savefig("surface.png")
     """
     others, held = dict(others or {}), {n: float(v) for n, v in (at or {}).items()}
     check_same_states(value, others)

@@ -173,10 +173,12 @@ def value_function_figure(
     at: state -> its fixed value, in its unit; or several values of one state: the slices. A state
     that is neither drawn nor fixed is set to zero, or to the middle if that is outside the grid.
     others: label -> value function of the same states, drawn dashed. label: of the set itself.
-    scene: shapes in the plane, as in `Region.scene`, with the values of `parameters`.
+    scene: shapes in the plane, as in `Region.scene`. parameters: name -> value, of these.
 
     Raises `OutputError` for a plane that is not two of the remaining states and for others of other
     states, `SimulationError` for a state fixed outside the grid.
+
+    >>> hf.value_function_figure(kernel, label="viable").savefig("kernel.png")
     """
     others = dict(others or {})
     check_same_states(value, others)
@@ -324,8 +326,15 @@ def _arrival(value: ValueFunction, held: Mapping[str, float]) -> Array:
 def regulation_map_figure(found: RegulationMap) -> Figure:
     """The bounds of the inputs, the edge of every active condition, and the regulation map.
 
-    An arrow at each edge points to the inputs that its condition allows. Raises `OutputError`
-    unless there are two inputs with bounds.
+    found: a regulation map.
+
+    An arrow at each edge points to the inputs that its condition allows.
+
+    Raises `OutputError` unless there are two inputs with bounds.
+
+    >>> ahead = hf.Region("ahead", robot.states[:1], (hf.Inequality("behind", -x, "m"),))
+    >>> edge = hf.regulation_map(robot, ahead, [0.0, 0.0, 0.5])
+    >>> hf.regulation_map_figure(edge).savefig("inputs.png")
     """
     count = len(found.conditions)
     if len(found.inputs) != 2 or len(found.offsets) - count < 3:
@@ -400,11 +409,17 @@ def optimal_input_figure(
 
     inputs: name -> the input at the nodes of the plane; velocity: the rates of the plane's two
     states there, in their units per second. Every array has the shape (nodes of the first state,
-    nodes of the second), with NaN at empty places. An arrow is the displacement in the time that
-    the legend gives. plane, others, scene, parameters: as in `value_function_figure`; all states
-    outside the plane are fixed (`at`). Thesis figures 7.10 and 7.11.
+    nodes of the second), with NaN at empty places.
+
+    An arrow is the displacement in the time that the legend gives. plane, at, others, scene,
+    parameters: as in `value_function_figure`; all states outside the plane are fixed by `at`.
+    Thesis figures 7.10 and 7.11.
 
     Raises `OutputError` for a state that is neither drawn nor fixed and for arrays of other shapes.
+
+    >>> from holdfast.analysis.safety.safety_filter import optimal_inputs
+    >>> inputs, velocity = optimal_inputs(cart, kernel, ("x", "v"), {})
+    >>> hf.optimal_input_figure(kernel, inputs, velocity).savefig("inputs.png")
     """
     others = dict(others or {})
     check_same_states(value, others)

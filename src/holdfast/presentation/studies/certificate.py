@@ -66,7 +66,12 @@ def _limit(largest: LargestCertified, unit: str) -> str:
 
 @checked
 def certificate_figure(found: Certificate) -> Figure:
-    """The certified cells over the first two states, in the middle of the others."""
+    """The certified cells over the first two states, in the middle of the others.
+
+    found: a `Certificate`.
+
+    >>> hf.certificate_figure(certificate).savefig("certificate.png")
+    """
     marks = np.zeros(found.cells.total)
     marks[found.kept.region], marks[found.kept.members] = 1, 2
     says = {2: "certified", 1: "in the region, not certified"}

@@ -117,9 +117,15 @@ MARKS: dict[str, dict[str, Any]] = {
 def comparison_figure(found: Comparison) -> Figure:
     """The rescue rate of every law in every case with its interval; rings: the viable fraction.
 
+    found: a `Comparison`.
+
     Without a goal these are the same, and the rings have the interval. With a reference kernel,
     diamonds with an interval: the share of the starts inside the kernel; crosses: the share of
     those outside that stayed nevertheless.
+
+    >>> few = {"overrides": ["run.horizon=0.5"], "runs": 1}
+    >>> rescue = hf.compare("wheeled_camera", ["wheeled_camera"], **few)
+    >>> hf.comparison_figure(rescue).savefig("rescue.png")
     """
     cases, laws = list(found.cases), list(found.laws)
     shown = {case: _shares(found, laws, case) for case in cases}

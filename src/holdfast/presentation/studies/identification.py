@@ -29,8 +29,10 @@ _COLOURS = {IDENTIFIED: style.BLUE, WIDE: style.ORANGE, AT_LIMIT: style.RED}
 def identification_figure(found: Identified) -> Figure:
     """One page: each measured signal and the fit, the numbers with intervals, what is left.
 
-    The intervals are drawn in parts of their numbers. Of what is unexplained each dot is a
-    window, of the log or of the second log; the lines are the bound.
+    found: an `Identified`.
+
+    The intervals are drawn in parts of their numbers. Of what is unexplained each dot is a window,
+    of the log or of the second log; the lines are the bound.
     """
     signals = list(found.measured)
     left = found.unexplained

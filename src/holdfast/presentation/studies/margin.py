@@ -42,6 +42,8 @@ def margin_figure(
     the question is whether states are kept; the share is then NaN for a bound that loses them.
 
     Raises `OutputError` unless there are as many shares as bounds, and at least one of each.
+
+    >>> hf.margin_figure([0.1, 0.2], [0.5, 0.0], "current", "m/s").savefig("margin.png")
     """
     tried, left = (np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in (values, fractions))
     if tried.shape != left.shape or tried.ndim != 1 or not tried.size:

@@ -82,12 +82,19 @@ def _unit(unit: str) -> str:
 
 @checked
 def campaign_figure(found: Campaign, variable: str | None = None) -> Figure:
-    """The variable over the swept names; refused cells are hatched.
+    """One variable over the swept names; refused cells are hatched.
+
+    found: a `Campaign`. variable: one of its `dataset`.
 
     One name: a curve, with the interval of a share. Two: a heat map. More: one for each pair, the
     mean over the others. A sample has a dot for every cell.
 
     Raises `OutputError` for an unknown variable, or more than six names.
+
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> few = {"runs": 2, "overrides": ["run.horizon=1"], "executor": ThreadPoolExecutor(1)}
+    >>> table = hf.sweep("ch2-unicycle", ["k=1:2:2"], **few)
+    >>> hf.campaign_figure(table, "peak_v").savefig("sweep.png")
     """
     about = found.variable(variable)
     names = found.names

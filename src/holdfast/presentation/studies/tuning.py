@@ -32,8 +32,14 @@ WIDE = 34
 def tuning_figure(found: Tuning) -> Figure:
     """Every admissible candidate over two of its costs, coloured by the third where there is one.
 
+    found: a `Tuning`.
+
     Rings mark the candidates that no other betters in every cost. The scenario's gains and the
     chosen ones are marked, at their costs from the starts of the candidates.
+
+    >>> few = {"candidates": 10, "runs": 1, "overrides": ["run.horizon=4"]}
+    >>> gains = hf.tune("ch4-integrator", gains=["k2=0.5:1"], **few)
+    >>> hf.tuning_figure(gains).savefig("gains.png")
     """
     costs = [c for c in COSTS if not math.isnan(found.shipped_costs.of(c))]
     across, up = ("time", "effort") if "time" in costs else ("clearance", "effort")

@@ -16,10 +16,11 @@ def dipolar(*, lam: float = 3.0, moment: Sequence[float] = (1.0, 0.0)) -> Field:
 
         F(x) = lambda (p . x) x - p |x|^2                     (4.5), (4.6)
 
-    Flow lines rho = R |sin a|^(lambda - 1), a the angle from p, in each plane through p.
-    `lam` is lambda, above 1 (below 1 the sectors are hyperbolic and no line reaches the
-    origin but on the axis); `moment` is p, of N >= 2 numbers and any length but zero.
-    Positions in m. Raises `DefinitionError` for lambda <= 1 or p = 0.
+    Flow lines rho = R |sin a|^(lambda - 1), a the angle from p, in each plane through p. lam:
+    lambda, above 1 (below 1 the sectors are hyperbolic and no line reaches the origin but on the
+    axis). moment: p, of N >= 2 numbers and any length but zero. Positions are in m.
+
+    Raises `DefinitionError` for lambda <= 1 or p = 0.
     """
     p = exact_moment(moment)
     names = coordinate_names(len(p))

@@ -18,7 +18,9 @@ def dipole_in_current(*, lam: float = 3.0, current_x: float = 1.0, current_y: fl
 
     Its lines arrive at the origin along the current, the only headings at which (3.2) lets the
     vehicle rest; the sign keeps the bow on the side of the target, p_x >= 0. As v_x passes zero p
-    turns by pi; at v_x = 0 it is v itself. Raises `DefinitionError` for v = 0, lambda < 1.
+    turns by pi; at v_x = 0 it is v itself. current_x, current_y [m/s]: v.
+
+    Raises `DefinitionError` for v = 0, lambda < 1.
     """
     if current_x == 0 and current_y == 0:
         raise DefinitionError(

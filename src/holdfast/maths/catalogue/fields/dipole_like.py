@@ -19,10 +19,11 @@ def dipole_like(
 
         F(q) = lambda (p . q) q - p (1 - exp(-|q|^2))         (2.7), (2.8)
 
-    `lam` is lambda >= 1 (below 1 there are other zeros), `moment` is p. Without the
-    `exponential`, F1 = lambda (p . q) q - p of figure 2.3(a), the lines are those of two
-    charges, with nodes at +-p/(|p| sqrt(lambda)). Coordinates without unit, because the thesis
-    compares |q|^2 with 1. Raises `DefinitionError` for lambda < 1 or p = 0.
+    lam: lambda >= 1 (below 1 there are other zeros). moment: p. exponential: without it, F1 =
+    lambda (p . q) q - p of figure 2.3(a), the lines are those of two charges, with nodes at
+    +-p/(|p| sqrt(lambda)). Coordinates without unit, because the thesis compares |q|^2 with 1.
+
+    Raises `DefinitionError` for lambda < 1 or p = 0.
     """
     if not lam >= 1:
         raise DefinitionError(

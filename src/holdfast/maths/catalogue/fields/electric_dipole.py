@@ -25,11 +25,12 @@ def electric_dipole(
         E(r) = [3 (p . r/|r|) r/|r| - p] / (4 pi eps0 |r|^3)  (2.6)
         E_r = 2 p cos a / (4 pi eps0 r^3),  E_a = p sin a / (4 pi eps0 r^3)     (2.5)
 
-    minus the gradient of V = p . r / (4 pi eps0 |r|^3) (2.4). It is the dipolar field of
-    lambda = 3 times 1/(4 pi eps0 |r|^5), so its lines are r = R sin^2 a, a the angle from p.
-    `moment` is p in C m, of three numbers, or of two for a plane through p; `eps0` in F/m.
-    The Dirac term of (2.6) acts at r = 0 only and is left out. Raises `DefinitionError` for
-    another dimension or p = 0.
+    minus the gradient of V = p . r / (4 pi eps0 |r|^3) (2.4). It is the dipolar field of lambda = 3
+    times 1/(4 pi eps0 |r|^5), so its lines are r = R sin^2 a, a the angle from p. moment [C m]: p,
+    of three numbers, or of two for a plane through p. The Dirac term of (2.6) acts at r = 0 only
+    and is left out.
+
+    Raises `DefinitionError` for another dimension or p = 0.
     """
     p = exact_moment(moment)
     if len(p) not in (2, 3):

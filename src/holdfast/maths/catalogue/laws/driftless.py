@@ -102,12 +102,14 @@ def align_unicycle(
 
         F = (2 cos^2 phi - sin^2 phi, 3 sin phi cos phi),  phi = atan2(y, x)     (2.14)
 
-    `output` = "h": hdot = -k h for h = <a, F> (2.15), with the sign of the second term
-    corrected to plus; where |dh/dpsi| <= `epsilon`, r = k wrap(psi_F - psi) (2.16). h = 0 also
-    means the opposite heading, and the vehicle may arrive with it. "angle": r = -k wrap(psi -
-    psi_F) + d/dt psi_F, which is free of both. `travel` = "forward" is the thesis's v =
-    tanh(rho), with which some starts leave on lines that lead far away; "toward" takes the
-    sense of (4.14). For rho < `freeze` [m], v = 0 and r = -k psi. k in 1/s.
+    output: "h" is hdot = -k h for h = <a, F> (2.15), with the sign of the second term corrected to
+    plus; where |dh/dpsi| <= `epsilon`, r = k wrap(psi_F - psi) (2.16). h = 0 also means the
+    opposite heading, and the vehicle may arrive with it. "angle": r = -k wrap(psi - psi_F) + d/dt
+    psi_F, which is free of both. travel: "forward" is the thesis's v = tanh(rho), with which some
+    starts leave on lines that lead far away; "toward" takes the sense of (4.14). freeze [m]: for a
+    rho below it, v = 0 and r = -k psi. k in 1/s.
+
+    Raises `DefinitionError` for another system, output or travel.
     """
     for what, value, choices in (
         ("output", output, ("h", "angle")),
@@ -193,6 +195,8 @@ def steer_integrator(
     The test is on the size of the input, not x1 = x2 = 0, and the escape has a least length,
     since the later spin would otherwise grow as 1 / |x3|. There |x3| <= `rest` counts as zero and
     causes no escape.
+
+    Raises `DefinitionError` for another system, and unless k1 > k2.
     """
     check_rates("steer_integrator", system, nonholonomic_integrator)
     if not k1 > k2:
@@ -254,6 +258,8 @@ def follow_integrator(
     x3 / x1 decays as exp(-(k - 2 k1) t): k > 2 k1 is refused otherwise (the thesis asks for
     k > k1 only, from which x2 does not converge). Where u2 would pass `input_limit`, as on
     x1 = 0, u1 = -k3 x3, u2 = -k2 x2 is held for at least `escape_time` [s].
+
+    Raises `DefinitionError` for another system, and unless k > 2 k1.
     """
     check_rates("follow_integrator", system, nonholonomic_integrator)
     if not k > 2 * k1:
@@ -349,13 +355,12 @@ def steer_chained(
 
         u1 = -k1 x1,    u2 = -k2 x2 + sum_(j = 3 ... n) (-1)^(j+1) kj xj / x1^(j-2)
 
-    Thesis (4.29) for n = 3 (where k3 = k1 + k2) and (4.30) for n = 4. The ratios
-    xj / x1^(j-2) obey an exactly linear closed loop, whose poles [1/s] are `poles`: one number
-    for all (-2 by default), or a list of n - 1 (a complex one as a pair [re, im]). Or give the
-    `gains` (k2, ..., kn), which are refused unless that loop is stable. From |x1| <
-    `threshold` the law first drives x1 away at `escape_speed` for `escape_time` [s] while it
-    steers the other states to zero (`escape` = "steer"; "coast" is the thesis's u2 = 0); it
-    stops at |x1| <= `stop`.
+    Thesis (4.29) for n = 3 (where k3 = k1 + k2) and (4.30) for n = 4. The ratios xj / x1^(j-2) obey
+    an exactly linear closed loop, whose poles are chosen. poles [1/s]: one number for all (-2 by
+    default), or a list of n - 1 (a complex one as a pair [re, im]). gains: (k2, ..., kn) in their
+    place, which are refused unless that loop is stable. From |x1| < `threshold` the law first
+    drives x1 away at `escape_speed` for `escape_time` [s]; it stops at |x1| <= `stop`. escape: what
+    it does meanwhile: "steer" brings the other states to zero, "coast" is the thesis's u2 = 0.
     """
     n = len(system.states)
     check_rates("steer_chained", system, chained_form, n)
@@ -395,13 +400,15 @@ def steer_by_chained_form(
 
         v1 = -k1 z1,   v2 = -k2 z2 + sum_(j = 3 ... n) (-1)^(j+1) kj zj / z1^(j-2)
 
-    with z1 and zn two of the states and z_(j-1) = L_g1 z_j / L_g1 z1 (`chained_search`), and
-    gains as in `steer_chained`. Local: to the states where the transformation is regular
-    (for cars and trailers, angles between bodies and to the x axis below 90 deg), which the
-    closed loop does not leave.
+    with z1 and zn two of the states and z_(j-1) = L_g1 z_j / L_g1 z1 (`chained_search`), and poles,
+    gains and escape as in `steer_chained`. Local: to the states where the transformation is regular
+    (for cars and trailers, angles between bodies and to the x axis below 90 deg), which the closed
+    loop does not leave.
 
     Where the system has bounds of its inputs, all inputs are slowed by one factor, so that the
     largest is within them: the path is the same, and takes longer.
+
+    poles [1/s], gains, escape: as in `steer_chained`.
 
     Raises `DefinitionError` when no pair of states begins and ends a chain, with the reason.
     """

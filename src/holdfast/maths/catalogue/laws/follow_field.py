@@ -27,9 +27,9 @@ def follow_field(
         s = atan2(g x F, g . F),   u = -k1 sgn(g . x) |x| / |g| along g,   sdot = -k s
 
     for a system with two leafwise states x, one transverse state t and no drift; g spans the
-    motions on the leaf. For |x| < `freeze`, where the direction of F is not defined, u = 0
-    and t goes to zero with the gain k. Local where g cannot point every way (as in a chained
-    form). `moment` is p where the system leaves a choice. k1, k in 1/s, lam > 1.
+    motions on the leaf. For |x| < `freeze`, where the direction of F is not defined, u = 0 and t
+    goes to zero with the gain k. Local where g cannot point every way (as in a chained form).
+    moment: p, where the system leaves a choice. k1, k in 1/s, lam > 1.
 
     Raises `DefinitionError` for any other system, and names the missing property.
     """

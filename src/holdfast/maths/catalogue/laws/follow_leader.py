@@ -38,9 +38,13 @@ def approach_leader(
 
     (6.12) with the desired position on the line of sight, where the field points along that line:
     the dipole has no effect. The second form adds the turn rate of the line of sight of a
-    stationary leader, so that d/dt bearing = -k2 bearing, as in the thesis. The thesis computes
-    its gains (6.17), (6.18) for the first form. Gains that keep the leader in view:
-    `hf.visibility_gains`. k1, k2 [1/s], distance rd [m].
+    stationary leader, so that d/dt bearing = -k2 bearing, as in the thesis. The thesis computes its
+    gains (6.17), (6.18) for the first form. Gains that keep the leader in view:
+    `hf.visibility_gains`.
+
+    turn: "bearing" or "line_of_sight".
+
+    Raises `DefinitionError` for another turn.
     """
     speed = symbol("k1") * (symbol("range") - symbol("distance"))
     return _law(
@@ -70,10 +74,14 @@ def follow_leader(
         wF = k2 bearing
 
     uLM = `leader_speed`, the largest speed of the leader, is all that the law knows of its motion.
-    turn = "line_of_sight" adds uF sin(bearing) / range to wF, the part of the turn rate of the
-    line of sight that the follower knows; (6.19b) asks for all of it, in the leader's frame, which
-    contains uL and wL. With `as_printed` the sign replaces the saturation, and chatters.
-    Gains that keep the leader in view: `hf.visibility_gains`. k1, k2 [1/s], lengths in m.
+    turn = "line_of_sight" adds uF sin(bearing) / range to wF, the part of the turn rate of the line
+    of sight that the follower knows; (6.19b) asks for all of it, in the leader's frame, which
+    contains uL and wL. Gains that keep the leader in view: `hf.visibility_gains`.
+
+    turn: "bearing" or "line_of_sight". as_printed: whether the sign replaces the saturation, which
+    chatters.
+
+    Raises `DefinitionError` for another turn, and an `as_printed` that is no truth value.
     """
     if not isinstance(as_printed, bool):
         raise DefinitionError(
@@ -124,6 +132,8 @@ def keep_footprint(
 
     vertices: (X, Y) [m] of the footprint, in order, by default the triangle of `leader_in_view`;
     convex, with (rd, 0) in it. distance rd [m], firmness [1/s].
+
+    Raises `DefinitionError` for a distance that is not inside the footprint.
     """
     bearing, gap = symbol("bearing"), symbol("range")
     ahead, left = gap * sp.cos(bearing), gap * sp.sin(bearing)

@@ -54,13 +54,20 @@ class StationKeepingLimits:
 def station_keeping_limits(
     speed_bound: float, lam: float = 3.0, *, k1: float = 1.5, r0: float = 0.1, k2: float = 5.0
 ) -> StationKeepingLimits:
-    """The limits of `hold_station` for a current of at most `speed_bound` [m/s].
+    """The limits of `hold_station` for a current whose speed is bounded.
 
         k1 > sup_(r >= r0) |v| (lam r^2 - 2 w) / (r (lam r^2 - w)),   w = 1 - exp(-r^2)
 
     the supremum of (3.7) over all directions of the current; (3.6) holds always for lam >= 2.
-    Sufficient, not necessary: smaller k1 were seen to enter the ball too. k1, k2 in 1/s, r0 in
-    m. Raises `DefinitionError` for a speed, gain or radius that is not positive, or lam < 2.
+    Sufficient, not necessary: smaller k1 were seen to enter the ball too.
+
+    speed_bound [m/s]: of the current. lam: lambda. k1, k2 [1/s]: gains of the law. r0 [m]: the
+    radius of the ball.
+
+    Raises `DefinitionError` for a speed, gain or radius that is not positive, or lam < 2.
+
+    >>> round(hf.station_keeping_limits(0.3).least_k1, 3)
+    1.511
     """
     for name, value in (("speed_bound", speed_bound), ("k1", k1), ("r0", r0), ("k2", k2)):
         if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
@@ -154,24 +161,25 @@ def hold_station(
     while pushing; here the vehicle then approaches again. The excursion from the ball is about
     0.03/k2 m in the current of the thesis, and up to five times that in others.
 
-    A vehicle with inertia is carried out of the ball while it turns into the current, and the
-    flow lines that lead back from there ask for a whole turn. With `r2` [m] the vehicle pushes on
-    until |r| > r2, slows down while it points the wrong way, and leans towards the line of the
-    current through the station:
+    A vehicle with inertia is carried out of the ball while it turns into the current, and the flow
+    lines that lead back from there ask for a whole turn. With an r2 the vehicle pushes on until |r|
+    > r2, slows down while it points the wrong way, and leans towards the line of the current
+    through the station:
 
         push:     u = -k3 sgn(vx) |v| max(0, cos e),     r = -k4 e
                   e = wrap(psi - phi_p - sgn(vx) clip(k6 d, +-0.9 acos(1/k3)))
 
-    with the distance d [m] from that line and its gain `k6` [1/m]. It then turns home only where
-    |d| <= r1, and straight from `approach` only with a heading within `ALIGNED` of phi_p.
+    with the distance d [m] from that line. r2 [m]: as above; None for a vehicle without inertia. k6
+    [1/m]: the gain of d. It then turns home only where |d| <= r1, and straight from `approach` only
+    with a heading within `ALIGNED` of phi_p.
 
     Both inputs stay within `speed_limit` [m/s] and `turn_limit` [rad/s], which are the system's
     where it has them, else must be given; while approaching, the vehicle goes slower where the
     field turns faster than 0.8 turn_limit. For the full marine vehicle u and r are velocities
     to track, and d/dt phi is that of the ground track, sway included.
 
-    `current_x`, `current_y` [m/s] are the current the law believes in; with
-    `disturbance_measured` it reads the true one at every instant instead, which may vary slowly.
+    disturbance_measured: whether the law reads the current at every instant, which may vary slowly;
+    without, it believes in (`current_x`, `current_y`).
 
     Raises `DefinitionError` for r1 < r0, r2 < r1, k3 <= 1 (the current would win) or a current that
     is believed to be zero.

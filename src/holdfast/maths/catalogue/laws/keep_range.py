@@ -15,8 +15,8 @@ from holdfast.maths.expressions.functions import magnitude
 def back_off(law: Law, *, creep: float = 0.02, as_printed: bool = False) -> Law:
     """Straight back: u = -(|u_convergent| + creep), r = 0; the viable law at the near limit.
 
-    The thesis keeps u of (5.18a) there, which drives the vehicle across the limit whenever
-    the goal lies behind it (E4); `as_printed` reproduces that. `creep` [m/s] keeps it moving when
+    The thesis keeps u of (5.18a) there, which drives the vehicle across the limit whenever the goal
+    lies behind it (E4); as_printed: whether to reproduce that. creep [m/s]: keeps it moving when
     the convergent surge is zero.
     """
     return _straight(law, "back_off", -1, creep, as_printed, "back from the near range limit")
@@ -26,7 +26,7 @@ def back_off(law: Law, *, creep: float = 0.02, as_printed: bool = False) -> Law:
 def move_ahead(law: Law, *, creep: float = 0.02, as_printed: bool = False) -> Law:
     """Straight ahead: u = |u_convergent| + creep, r = 0; the viable law at the far limit.
 
-    With `as_printed` u is that of (5.18a), as in `back_off`.
+    as_printed: whether u is that of (5.18a), as in `back_off`. creep [m/s]: as there.
     """
     return _straight(law, "move_ahead", 1, creep, as_printed, "ahead from the far range limit")
 

@@ -43,12 +43,14 @@ def steer_marine(
     and the sway the measured one (E8). Outputs: surge u [m/s], yaw rate r [rad/s].
 
     In a current the same law is (5.31): u and v are relative to the water, and xdot, ydot those
-    over ground. With `disturbance_measured` the law measures the current at every
-    instant, as Lemma 3 needs; without, it assumes still water. The vehicle then ends within
+    over ground. disturbance_measured: whether the law measures the current at every instant, as
+    Lemma 3 needs; without, it assumes still water. The vehicle then ends within
     `lyapunov.ultimate_bound` of the goal, heading along the current or against it.
 
     Gains: k1 [m/s] the top speed, mu [1/m], k2 [1/s], lam (lambda > 1). Condition for
     convergence of the heading: k1 mu below `lyapunov.surge_gain_limit` (E6).
+
+    Raises `DefinitionError` for a system without the states and inputs of such a craft.
     """
     if not isinstance(disturbance_measured, bool):
         raise DefinitionError(
@@ -112,10 +114,12 @@ def face_target(
         u = -k1 sgn(r1 . h) tanh(mu |r1|),  r1 = (x, y) + distance (cos phi_t, sin phi_t)   (5.28)
         r = -kv wrap(psi - phi_t),          phi_t = atan2(-y, -x)
 
-    The viable law at the edges of the view, and the one that keeps the goal set
-    G = { |(x, y)| = distance, psi = phi_t }. The thesis prints the goal point with the opposite
-    sign, which puts it behind the wall (E3); `as_printed` reproduces that. In a current the
-    law is (5.41), u and r relative to the water. Outputs: surge u [m/s], yaw rate r [rad/s].
+    The viable law at the edges of the view, and the one that keeps the goal set G = { |(x, y)| =
+    distance, psi = phi_t }. The thesis prints the goal point with the opposite sign, which puts it
+    behind the wall (E3). In a current the law is (5.41), u and r relative to the water. Outputs:
+    surge u [m/s], yaw rate r [rad/s]. as_printed: whether to take the sign of the thesis.
+
+    Raises `DefinitionError` for a system without the states and inputs of such a craft.
     """
     if not isinstance(as_printed, bool):
         raise DefinitionError(

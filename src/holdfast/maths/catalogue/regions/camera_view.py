@@ -27,12 +27,12 @@ def camera_view(
         c4 = -x - Lmax cos(psi) <= 0          too_far
         c5, c6 = +-y - along_wall <= 0        too_high, too_low, if along_wall is given
 
-    beta_low, beta_up = atan2(-+yT - y, -x) are the bearings of the ends of the target, which
-    is centred at the origin of the wall x = 0; the vehicle is at x < 0. The angular form has
-    the zero set of thesis (5.23) for x < 0 and |psi| < pi/2 - alpha, and stays regular
-    beyond (E10). Without `along_wall` the set is unbounded along the wall: a vehicle that looks
-    along it at more than pi/2 - alpha sees the target from any distance. A grid needs a bound.
-    Angles in rad, lengths in m.
+    beta_low, beta_up = atan2(-+yT - y, -x) are the bearings of the ends of the target, which is
+    centred at the origin of the wall x = 0; the vehicle is at x < 0. The angular form has the zero
+    set of thesis (5.23) for x < 0 and |psi| < pi/2 - alpha, and stays regular beyond (E10). Without
+    `along_wall` the set is unbounded along the wall: a vehicle that looks along it at more than
+    pi/2 - alpha sees the target from any distance. A grid needs a bound. along_wall [m]: that
+    bound; None for none.
     """
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
     alpha, width = symbol("half_angle"), symbol("target_half_width")

@@ -24,12 +24,13 @@ def car(
         x' = v cos(psi)    psi'   = v tan(delta) / wheelbase
         y' = v sin(psi)    delta' = w
 
-    Neither axle slips sideways: -sin(psi) x' + cos(psi) y' = 0 (rear) and
-    -sin(psi + delta) x' + cos(psi + delta) y' + wheelbase cos(delta) psi' = 0 (front).
-    Inputs: speed v of the rear axle [m/s], steering rate w [rad/s]; `wheelbase` [m]. Beyond
-    |delta| = 90 deg the model has no meaning. Limits are optional: `speed_limit` [m/s], the least
-    speed `speed_least` (by default -speed_limit; above 0 the car does not stop), and
-    `steering_rate_limit` [rad/s]. A steering angle is limited by a region (`steering_angle`).
+    Neither axle slips sideways: -sin(psi) x' + cos(psi) y' = 0 (rear) and -sin(psi + delta) x' +
+    cos(psi + delta) y' + wheelbase cos(delta) psi' = 0 (front). Inputs: speed v of the rear axle
+    [m/s], steering rate w [rad/s]. Beyond |delta| = 90 deg the model has no meaning. A steering
+    angle is limited by a region (`steering_angle`).
+
+    speed_limit [m/s]: None for none. speed_least [m/s]: by default -speed_limit; above 0 the car
+    does not stop. steering_rate_limit [rad/s]: None for none.
 
     Raises `DefinitionError` for a `speed_least` without a `speed_limit` above it.
     """
@@ -71,7 +72,9 @@ def front_axle_car(
 
     The same robot as `car`; no two of these coordinates begin and end a chained form, but the
     position of the rear axle does, which is declared as the flat output. Inputs: speed v of the
-    front wheel [m/s], steering rate w [rad/s]; limits as those of `car`.
+    front wheel [m/s], steering rate w [rad/s].
+
+    speed_limit, speed_least [m/s], steering_rate_limit [rad/s]: as of `car`.
     """
     psi, delta, v, w, base = (symbol(n) for n in ("psi", "delta", "v", "w", "wheelbase"))
     front = psi + delta

@@ -22,8 +22,11 @@ def robot_names(followers: int) -> tuple[str, ...]:
 def chain(followers: int = 1, *, speed_limit: float = 2.0, turn_limit: float = 4.0) -> System:
     """A leader and its followers, unicycles in the world: xL, yL, thetaL, x1, y1, theta1, ...
 
-    Inputs uL, wL, u1, w1, ... [m/s, rad/s], all within the same limits. Follower k measures
-    `range{k}` and `bearing{k}` of the robot before it.
+    Inputs uL, wL, u1, w1, ... [m/s, rad/s], all within the same limits.
+
+    followers: how many.
+
+    Follower k measures `range{k}` and `bearing{k}` of the robot before it.
     """
     whole_number(followers, "number of followers", 1, 20)
     names = robot_names(followers)

@@ -69,7 +69,10 @@ def chained_form(n: int = 3) -> System:
 
         x1' = u1,   x2' = u2,   xj' = x(j-1) u1   for j = 3 ... n
 
+    n: the number of states.
+
     The n - 2 Pfaffian rows are xj' - x(j-1) x1' = 0, (4.22). The inputs are not bounded.
+
     Raises `DefinitionError` unless n is a whole number from 3 to 12.
     """
     whole_number(n, "n of the chained form", 3, LARGEST)

@@ -76,8 +76,10 @@ def marine_craft(vehicle: str = "otter", **overrides: float) -> System:
     (`actuation`). The kinds are those of `holdfast.maths.catalogue.actuators`: thrusters that push
     along a direction, azimuth thrusters, rudders. A lag and a slew act in `hf.lagged(craft)`.
 
-    `vehicle` names a shipped vehicle or a vehicle file; `overrides` replaces numbers by name (SI
-    units, see `PARAMETERS`; of actuator NAME: NAME_ahead, NAME_limit, NAME_lag and so on).
+    vehicle: a shipped vehicle, or the path of a vehicle file. overrides: numbers by name, in SI
+    units, in place of those of the file (`PARAMETERS`; of actuator NAME: NAME_ahead, NAME_limit,
+    NAME_lag and so on).
+
     Raises `ScenarioError` for an unknown vehicle or name, `DefinitionError` for actuators that give
     no surge force or no yaw moment, and for an M that is not positive definite.
     """

@@ -58,13 +58,15 @@ def marine_vehicle(
     tau_r = arm (Fs - Fp). z is up and psi counter-clockwise, so that more port thrust turns
     the vehicle to starboard (negative yaw).
 
-    With `as_printed`, as in the thesis's (7.2), Xudot r times the current across the hull is added
-    to m11 udot, and -Yvdot r times the current along it to m22 vdot. These terms appear if the
-    added mass acts on the absolute acceleration, and cancel if it acts on the relative one.
+    as_printed: whether, as in the thesis's (7.2), Xudot r times the current across the hull is
+    added to m11 udot, and -Yvdot r times the current along it to m22 vdot. These terms appear if
+    the added mass acts on the absolute acceleration, and cancel if it acts on the relative one.
 
-    `vehicle` names a shipped vehicle or a vehicle file; `overrides` replaces parameter values
-    by name (SI units, see `PARAMETERS`). A thruster without `thrust_astern` gives thrust_limit both
-    ways. Raises `ScenarioError` for an unknown vehicle or name.
+    vehicle: a shipped vehicle, or the path of a vehicle file. overrides: numbers by name, in SI
+    units, in place of those of the file (`PARAMETERS`). A thruster without `thrust_astern` gives
+    thrust_limit both ways.
+
+    Raises `ScenarioError` for an unknown vehicle or name.
     """
     numbers = dict(vehicle_for(vehicle, PARAMETERS, optional=(ASTERN,)).parameters)
     if ASTERN in overrides and ASTERN not in numbers:

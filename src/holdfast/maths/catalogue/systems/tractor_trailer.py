@@ -33,16 +33,19 @@ def tractor_trailer(
         psi_i' = (s_(i-1) sin(b_i) - hitch_i psi_(i-1)' cos(b_i)) / length_i
 
     No axle slips sideways, from the last to the tractor's (i = N ... 0), in which hitch_(N+1) = 0:
-    -sin(psi_i) x' + cos(psi_i) y' + hitch_(i+1) psi_i'
-    + sum_(k > i) (length_k + hitch_(k+1)) cos(psi_i - psi_k) psi_k' = 0.
-    Inputs: speed v of the tractor [m/s], its turn rate r [rad/s]; lengths [m] from each axle
-    to its hitch; hitches [m] behind the axle in front, negative ahead of it. A hitch of 0 is on
-    the axle: then it is no parameter. Raises `DefinitionError` unless `trailers` is 1, 2 or 3 and
-    every hitch_i is above -length_i, and for the hitch of a trailer that is not there. Limits of
-    the tractor are optional: `speed_limit` [m/s] and `turn_limit` [rad/s].
+    -sin(psi_i) x' + cos(psi_i) y' + hitch_(i+1) psi_i' + sum_(k > i) (length_k + hitch_(k+1))
+    cos(psi_i - psi_k) psi_k' = 0. Inputs: speed v of the tractor [m/s], its turn rate r [rad/s].
+
+    trailers: 1, 2 or 3. length_1, length_2, length_3 [m]: from each axle to its hitch. hitch_1,
+    hitch_2, hitch_3 [m]: behind the axle in front, negative ahead of it; a hitch of 0 is on the
+    axle, and no parameter then. speed_limit [m/s], turn_limit [rad/s]: of the tractor; None for
+    none.
 
     With the last hitch off the axle alone the system is flat, as it is with all hitches on their
     axles (`_flat_output`); with a hitch further ahead off its axle it is not.
+
+    Raises `DefinitionError` for another number of trailers, unless every hitch_i is above
+    -length_i, and for the hitch of a trailer that is not there.
     """
     whole_number(trailers, "number of trailers", 1, len(LENGTHS))
     lengths, hitches = (length_1, length_2, length_3), (hitch_1, hitch_2, hitch_3)

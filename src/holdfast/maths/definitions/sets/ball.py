@@ -32,7 +32,16 @@ SIDES, ALONG, MOST_DIMENSIONS = 32, 5, 3  # of a polygon and a polytope in a bal
 @checked
 @dataclass(frozen=True)
 class Ball(Bounds):
-    """|u| <= radius in the Euclidean norm; the radius is a number or an expression."""
+    """|u| <= radius in the Euclidean norm.
+
+    radius: a number, or an expression of parameters, in the unit of the coordinates, which is the
+    same for all. dimension: the number of coordinates.
+
+    Raises `DefinitionError` for a radius below 0 and a dimension below 1.
+
+    >>> hf.Ball(hf.symbol("speed"), 2)
+    Ball(radius=speed, dimension=2)
+    """
 
     radius: Written
     dimension: int

@@ -231,7 +231,16 @@ def section(bounds: Bounds | None, remaining: Sequence[bool]) -> Bounds | None:
 @checked
 @dataclass(frozen=True)
 class Box(Bounds):
-    """lower_i <= u_i <= upper_i; entries are numbers or expressions in parameters."""
+    """lower_i <= u_i <= upper_i.
+
+    lower, upper: a number, or an expression of parameters, for each coordinate, in its unit.
+
+    Raises `DefinitionError` for an interval that is empty, and unless there are as many lower
+    bounds as upper ones.
+
+    >>> hf.Box((-1, 0), (1, 2)).dimension
+    2
+    """
 
     lower: tuple[Written, ...]
     upper: tuple[Written, ...]

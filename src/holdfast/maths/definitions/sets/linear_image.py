@@ -26,8 +26,19 @@ from holdfast.maths.expressions.traversal import at_numbers
 class LinearImage(Bounds):
     """{ M a : a in `of` }, e.g. force and moment from two thrusters.
 
-    `actuators` names the coordinates a. M has full row rank; a given u is produced by the
-    least-squares allocation a = M^T (M M^T)^-1 u, and saturated actuator by actuator.
+    matrix: M, of numbers or expressions of parameters; it has full row rank. of: the set of a, a
+    `Box`. actuators: the names of the coordinates a.
+
+    A given u is produced by the least-squares allocation a = M^T (M M^T)^-1 u, and saturated
+    actuator by actuator.
+
+    Raises `DefinitionError` for rows that depend on each other, and for another number of columns
+    or of names than coordinates.
+
+    >>> arms = sp.Matrix([[1, 1], [-0.2, 0.2]])
+    >>> two = hf.LinearImage(arms, hf.Box((-5, -5), (5, 5)), ("port", "starboard"))
+    >>> two.allocate([6, 0.4])
+    (2.00000000000000, 4.00000000000000)
     """
 
     matrix: sp.ImmutableMatrix

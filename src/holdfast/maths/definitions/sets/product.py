@@ -15,7 +15,13 @@ from holdfast.maths.definitions.sets.base import Bounds, Box, Reach, Row, V, sec
 @checked
 @dataclass(frozen=True)
 class Product(Bounds):
-    """A x B x ...: the first members in A, the next in B, each without regard to the others."""
+    """A x B x ...: the first members in A, the next in B, each without regard to the others.
+
+    parts: A, B, ..., in the order of the members.
+
+    >>> hf.Product((hf.Box((-1,), (1,)), hf.Ball(0.3, 2))).dimension
+    3
+    """
 
     parts: tuple[Bounds, ...]
 
