@@ -113,8 +113,8 @@ def load_scenario(
 
     A `Scenario` of closed loops, a `KernelScenario`, or what another kind composes; `run` gives its
     answer. name: of a shipped scenario, or the path of a file. overrides: texts "key=value", with a
-    unit where the file may have one, or a table {"key": value}. runs: how many starts are used: the given states first, then random
-    ones; of a kernel, how many states its promise is tried from.
+    unit where the file may have one, or a table {"key": value}. runs: how many starts are used: the
+    given states first, then random ones; of a kernel, how many states its promise is tried from.
 
     Raises `ScenarioError` naming the file, the key, what was got and what is allowed, and for the
     override of a number that nothing depends on.

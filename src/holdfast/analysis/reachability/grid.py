@@ -137,10 +137,11 @@ def grid(
 ) -> Grid:
     """The grid over a box of all states.
 
-    box: state -> (low, high), numbers in its unit, or texts with another, such as "-180 deg". nodes: along every axis, or state -> how many. ends: the
-    boundary conditions, state -> "contained" (the default: the region of a kernel has to lie
-    within), "periodic" (the default of an angle over a whole turn), "extrapolated", "limited". An
-    angle over part of a turn has no default.
+    box: state -> (low, high), numbers in its unit, or texts with another, such as "-180 deg".
+    nodes: along every axis, or state -> how many. ends: the boundary conditions, state ->
+    "contained" (the default: the region of a kernel has to lie within), "periodic" (the default of
+    an angle over a whole turn), "extrapolated", "limited". An angle over part of a turn has no
+    default.
 
     Raises `SimulationError` for a state with the name of one of `VARIABLES` or without an interval,
     for an interval that is empty or unbounded, an angle over more than a turn, a
