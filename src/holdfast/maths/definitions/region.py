@@ -12,14 +12,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import sympy as sp
 
-from holdfast.arguments import InItsUnit, checked
+from holdfast.arguments import InItsUnit, checked, written_by_user
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.quantity import (
     TIME,
+    UNWRITTEN,
     Parameter,
     Quantity,
     check_symbols,
@@ -27,6 +28,7 @@ from holdfast.maths.definitions.quantity import (
     merge_parameters,
     numbers_text,
 )
+from holdfast.maths.definitions.units import Units, kind_of_unit
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.functions import greatest
 from holdfast.maths.expressions.traversal import canonical
@@ -92,7 +94,7 @@ class Inequality(Value):
 
     name: str
     expression: sp.Expr
-    unit: str = "1"
+    unit: str = UNWRITTEN
     description: str = ""
     scale: InItsUnit | None = None
 
@@ -133,6 +135,7 @@ class Region(Printed):
     scene: tuple[Shape, ...] = ()
     description: str = ""
     source: str = ""
+    empirical: str = field(default="", kw_only=True, compare=False)
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         conditions = [
@@ -152,6 +155,17 @@ class Region(Printed):
         check_symbols(
             {f"inequality '{c.name}'": c.expression for c in self.inequalities}, allowed, owner
         )
+        if written_by_user():
+            self.check_units()
+
+    def check_units(self) -> None:
+        """Refuse inequalities whose units do not fit, unless they are `empirical`."""
+        if self.empirical:
+            return
+        units = Units(f"region '{self.name}'", self.reads + self.parameters)
+        for c in self.inequalities:
+            wanted = kind_of_unit(c.unit)
+            units.check(c.expression, f"inequality '{c.name}'", wanted, "its unit")
 
     def check_states(self, system: str, states: Sequence[str]) -> None:
         """Refuse it where it reads what is no state of a system of that name."""

@@ -20,7 +20,7 @@ from holdfast.analysis.safety.equilibria import SEARCHES, RestingState, Search
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.analysis.simulation.starts import Starts
-from holdfast.arguments import Seconds
+from holdfast.arguments import Seconds, checked
 from holdfast.errors import DefinitionError, ScenarioError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
@@ -141,6 +141,7 @@ class Scenario(Composed):
             )
         return replace(self, law=law, safety=None)
 
+    @checked
     def run(self, progress: Progress | None = None, part: range | None = None) -> Result:
         """Simulate every start of the scenario; the kernel of [safety] is computed before.
 
