@@ -62,6 +62,14 @@ FILES = {
     ('unit = "m/s"', 'unit = "knotz"'): "'knotz'",
     ("[grid]", "[gird]"): "did you mean 'grid'?",
     ('title = "Mower"', "title = Mower"): "not a TOML file",
+    ("v*cos(th)", "v*cos(v)"): "the rate of 'x' of system 'mower': the term 'cos(v)', whose 'v' is in "
+        "m/s; expected an angle in rad or a number without a unit; correct it, or multiply it by a "
+        "parameter in s/m; where units do not count say why: empirical = ",
+    ("v*cos(th)", "v*cos(th) + w"): "'v*cos(th) + w' adds 'w' in 1/s and 'v*cos(th)' in m/s; expected one",
+    ("[0, 1]", '["0 m/s^2", "1 m/s^2"]'): "system.inputs.v.bounds: the unit 'm/s^2' does not fit; expected 'm/s'",
+    ("[0, 1]", '[0, "1 knotz"]'): "system.inputs.v.bounds: '1 knotz' is not an expression",
+    ("abs(y) - 3", "y**2"): "region: inequality 'lawn' of region 'region': 'y**2' is in m^2; expected m",
+    ('name = "mower"', 'name = "mower"\nempirical = true'): "system.empirical: got True",
 }  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from holdfast.maths.definitions.quantity import (
     numbers_text,
     symbol,
 )
-from holdfast.maths.definitions.units import Free, Units
+from holdfast.maths.definitions.units import Free, Units, are_not_checked
 from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
 from holdfast.maths.expressions.traversal import at_numbers
 
@@ -458,7 +458,7 @@ class Law(Printed):
 
         What the units of the outputs have to be is known where the law meets a system.
         """
-        if self.empirical:
+        if are_not_checked(self.empirical, f"law '{self.name}'"):
             return
         units = Units(f"law '{self.name}'", self.reads + self.handed + self.parameters)
         of = {n: units.of(e, f"output '{n}'") for n, e in self.outputs.items()}

@@ -28,7 +28,7 @@ from holdfast.maths.definitions.quantity import (
     merge_parameters,
     numbers_text,
 )
-from holdfast.maths.definitions.units import Units, kind_of_unit
+from holdfast.maths.definitions.units import Units, are_not_checked, kind_of_unit
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.functions import greatest
 from holdfast.maths.expressions.traversal import canonical
@@ -160,7 +160,7 @@ class Region(Printed):
 
     def check_units(self) -> None:
         """Refuse inequalities whose units do not fit, unless they are `empirical`."""
-        if self.empirical:
+        if are_not_checked(self.empirical, f"region '{self.name}'"):
             return
         units = Units(f"region '{self.name}'", self.reads + self.parameters)
         for c in self.inequalities:

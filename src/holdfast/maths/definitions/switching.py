@@ -25,7 +25,7 @@ from holdfast.maths.definitions.quantity import (
     frozen,
     merge_parameters,
 )
-from holdfast.maths.definitions.units import Units
+from holdfast.maths.definitions.units import Units, are_not_checked
 from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
 from holdfast.maths.expressions.traversal import canonical
 
@@ -171,7 +171,7 @@ class Switching(Printed):
 
         The laws of its modes are checked by themselves.
         """
-        if self.empirical:
+        if are_not_checked(self.empirical, f"switching '{self.name}'"):
             return
         owner = f"switching '{self.name}'"
         units = Units(owner, self.reads + self.handed + self.parameters)

@@ -36,7 +36,7 @@ from holdfast.maths.definitions.quantity import (
     symbol,
 )
 from holdfast.maths.definitions.switching import Switching, Transition
-from holdfast.maths.definitions.units import Units, kind_of_unit, of_another_unit
+from holdfast.maths.definitions.units import Units, are_not_checked, kind_of_unit, of_another_unit
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.traversal import canonical, derivatives
 
@@ -306,7 +306,7 @@ class System(Printed):
 
     def check_units(self) -> None:
         """Refuse expressions whose units do not fit, unless they are `empirical`."""
-        if self.empirical:
+        if are_not_checked(self.empirical, f"system '{self.name}'"):
             return
         quantities = self.states + self.inputs + self.disturbances + self.parameters
         units = Units(f"system '{self.name}'", quantities)

@@ -279,6 +279,16 @@ class Units:
         return Free.NUMBER if Free.NUMBER in kinds else Free.ANY
 
 
+def are_not_checked(empirical: object, owner: str) -> bool:
+    """Whether a definition says why its units do not count; `DefinitionError` for no text."""
+    if not isinstance(empirical, str):
+        raise DefinitionError(
+            f"empirical of {owner} is {empirical!r}",
+            expected='the reason as text, such as "a fit to data"',
+        )
+    return bool(empirical)
+
+
 def _arguments(part: sp.Basic) -> Sequence[sp.Basic]:
     """The arguments whose units count; of a condition, those of its parts."""
     if isinstance(part, functions.select):

@@ -26,6 +26,7 @@ from itertools import combinations, pairwise
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, Quantity, given_number, symbol
 from holdfast.maths.definitions.system import FlatOutput, PfaffianRow, System
@@ -44,6 +45,7 @@ from holdfast.maths.expressions.random_points import Sampler, value_at
 from holdfast.maths.reference_fields.dipole import UNSEEN, dipolar_field
 
 
+@checked
 def kinematic_system(
     name: str,
     states: tuple[Quantity, ...],

@@ -112,7 +112,7 @@ def _least_radius(gain: float, lam: float) -> float:
 
 
 METRES = "the field of the thesis has exp(-|r|^2) of a distance in metres"
-"""Why units of its laws are not checked."""
+"""Why units of the law that follows it are not checked."""
 
 APPROACH, PUSH, TURN = "approach", "push", "turn"
 
@@ -261,7 +261,7 @@ def hold_station(
             parameters,
             conditions=conditions,
             believed=believed,
-            empirical=METRES,
+            empirical=METRES if mode == APPROACH else "",
         )
 
     upstream = angle(p[1], p[0], UNSEEN)
@@ -384,7 +384,12 @@ def hold_station_unknown(
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
         outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}
         return Law(
-            mode, vehicle.reads, outputs, parameters, conditions=conditions, empirical=METRES
+            mode,
+            vehicle.reads,
+            outputs,
+            parameters,
+            conditions=conditions,
+            empirical=METRES if mode == APPROACH else "",
         )
 
     hold = k["k3"] * s["current_bound"]
