@@ -102,7 +102,7 @@ def line(**more):
     return hf.System("line", STATES, INPUTS, {"x": U}, **more)
 
 
-STILL = hf.System("still", STATES, (), {"x": -X})
+STILL = hf.System("still", STATES, (), {"x": -1.0 * X})
 WALL = hf.Region("wall", STATES, (hf.Inequality("right", X - 1, "m"),))
 
 
@@ -127,7 +127,7 @@ CALLS = {
         lambda: hf.Inequality("wall", sp.And(X < 1, X > -1)), "write an inequality for each part",
     ),
     "a law of a system that has no inputs": (
-        lambda: hf.check_promise(STILL, still_set(), WALL, law=hf.Law("home", STATES, {"u": -X})),
+        lambda: hf.check_promise(STILL, still_set(), WALL, law=hf.Law("home", STATES, {"u": -1.5 * X})),
         "system 'still' has no inputs; expected no law",
     ),
     "the other relation": (lambda: hf.Inequality("wall", X > 1, "m"), "write 1 - x"),
@@ -147,19 +147,19 @@ CALLS = {
     "an unknown scenario": (lambda: hf.load_scenario("inspektion"), "did you mean 'inspection'?"),
     "an unknown vehicle": (lambda: hf.load_vehicle("bluerov"), "bluerov2"),
     "a start of another state": (
-        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -X}), starts=[{"y": 1}], horizon=1),
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -1.5 * X}), starts=[{"y": 1}], horizon=1),
         "'y'",
     ),
     "a start of another length": (
-        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -X}), starts=[[1, 2]], horizon=1),
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -1.5 * X}), starts=[[1, 2]], horizon=1),
         "expected (runs, 1) for the states x",
     ),
     "a horizon below 0": (
-        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -X}), starts=[[1]], horizon=-1),
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -1.5 * X}), starts=[[1]], horizon=-1),
         "horizon",
     ),
     "a law without its output": (
-        lambda: hf.simulate(line(), hf.Law("home", STATES, {"v": -X}), starts=[[1]], horizon=1),
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"v": -1.5 * X}), starts=[[1]], horizon=1),
         "law 'home' gives v; expected the inputs of system 'line': u",
     ),
     "a scheme that is misspelt": (
@@ -181,15 +181,18 @@ def test_what_is_wrong_in_a_call_is_said(call):
 
 def test_names_are_enough():
     """Plain symbols of SymPy, and texts, stand for the states and inputs of their names."""
-    declared = hf.System("line", STATES, INPUTS, {"x": hf.symbol("u") * sp.cos(hf.symbol("x"))})
-    assert hf.System("line", STATES, INPUTS, {"x": U * sp.cos(X)}) == declared
-    assert hf.System("line", STATES, INPUTS, {"x": "u*cos(x)"}) == declared
-    assert hf.System("line", STATES, INPUTS, {"x": sp.Symbol("u", positive=True) * sp.cos(X)}) == (
-        declared
-    )
-    law = hf.Law("home", STATES, {"u": -X})
+    declared = hf.System("line", STATES, INPUTS, {"x": hf.symbol("u") * sp.cos(2 * hf.symbol("x"))})
+    assert hf.System("line", STATES, INPUTS, {"x": U * sp.cos(2 * X)}) == declared
+    assert hf.System("line", STATES, INPUTS, {"x": "u*cos(2*x)"}) == declared
     assert (
-        law == hf.Law("home", STATES, {"u": "-x"}) == hf.Law("home", STATES, {"u": -hf.symbol("x")})
+        hf.System("line", STATES, INPUTS, {"x": sp.Symbol("u", positive=True) * sp.cos(2 * X)})
+        == declared
+    )
+    law = hf.Law("home", STATES, {"u": -1.5 * X})
+    assert (
+        law
+        == hf.Law("home", STATES, {"u": "-1.5*x"})
+        == hf.Law("home", STATES, {"u": -1.5 * hf.symbol("x")})
     )
     assert hf.Inequality("wall", X - 3).expression == hf.symbol("x") - 3
     assert hf.System("line", STATES, INPUTS, {"x": "u + pi"}).rates["x"] == hf.symbol("u") + sp.pi

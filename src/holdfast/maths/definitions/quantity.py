@@ -173,7 +173,7 @@ def is_unit(text: str) -> bool:
     return True
 
 
-BASE = ("m", "kg", "s", "A", "K", "mol", "cd")
+BASE = ("kg", "m", "s", "A", "K", "mol", "cd")
 """The base units of the SI; an angle in rad has none of them."""
 
 Dimension = tuple[float, ...]
