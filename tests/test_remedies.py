@@ -270,3 +270,53 @@ def test_an_interrupted_sweep_says_what_is_kept_and_how_to_go_on(here):
         "holdfast: interrupted; the cells that are finished are kept in runs/ch2-unicycle, and the "
         "same command goes on from there"
     )
+
+
+TURNING = """
+[scenario]
+title = "Turns"
+kind = "closed-loop"
+[system]
+states = { th = { unit = "rad", angle = true } }
+inputs = { w = { unit = "rad/s", bounds = ["-90 deg/s", "90 deg/s"] } }
+rates = { th = "w" }
+[law]
+outputs = { w = "-0.5*th" }
+[starts]
+states = [{ th = 0 }]
+[run]
+horizon = 1
+"""
+
+
+@pytest.mark.parametrize(
+    ("written", "key", "turns"),
+    [
+        ("states = [{ th = 90 }]", "starts.states.0.th: 'th' without a unit is read as 90 rad", "14.3"),
+        ('states = [{ th = "90" }]', "starts.states.0.th", "14.3"),
+        ("random = 2\nbox = { th = [-180, 170] }", "starts.box.th", "-28.6"),
+        ("random = 2\nevery = [0, 7]", "starts.every", "1.11"),
+        ('states = [{ th = "900 deg" }, { th = 6.2832 }]', "", ""),
+        ('random = 2\nbox = { th = ["-720 deg", 3.2] }', "", ""),
+    ],
+)  # fmt: skip
+def test_an_angle_without_a_unit_that_is_more_than_a_turn_is_read_with_a_warning(
+    here, recwarn, written, key, turns
+):
+    Path("turns.toml").write_text(TURNING.replace("states = [{ th = 0 }]", written, 1))
+    scenario = hf.load_scenario("turns.toml")
+    assert float(scenario.system.input_bounds.upper[0]) == pytest.approx(np.pi / 2)
+    messages = [str(w.message) for w in recwarn if w.category is hf.AngleWarning]
+    assert len(messages) == bool(key)
+    if key:
+        assert key in messages[0]
+        assert f"(= {turns} turns); if it is in degrees, write" in messages[0]
+
+
+def test_a_start_in_degrees_is_told_in_python_too():
+    th = (hf.Quantity("th", "rad", angle=True),)
+    turning = hf.System("turning", th, (hf.Quantity("w", "rad/s"),), {"th": "w"})
+    law = hf.Law("back", th, {"w": "-0.5*th"})
+    for starts in ([[0.1], [90.0]], hf.Starts([{"th": 90.0}])):
+        with pytest.warns(hf.AngleWarning, match=r"write math.radians\(90\)"):
+            hf.simulate(turning, law, starts=starts, horizon=0.1)
