@@ -187,7 +187,7 @@ def car(parameters=(), **changed):
 @pytest.mark.parametrize(
     "rate",
     [
-        B - 0.3 * V,  # the unit of a number is not written
+        B - 0.5 * X,  # the unit of a number is not written
         B * sp.cos(TH),
         sp.cos(TH),  # of a car at unit acceleration
         sp.tanh(2 * X) + B,

@@ -40,7 +40,7 @@ from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
 from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol, warn_of_turns
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.system import System, check_disturbance_units
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.traversal import symbols_in
 
@@ -497,6 +497,7 @@ def simulate(
     turns = varied.turns if varied is not None else 1
     if written_by_user():
         _warn_of_degrees(system, starts)
+        check_disturbance_units(system, expressions)
     if isinstance(starts, Starts):
         loop.check_room(starts.count * turns if part is None else len(part), chosen)
     try:
@@ -553,19 +554,13 @@ def simulate(
 
 def _warn_of_degrees(system: System, starts: Starts | Sequence[Sequence[float]] | Array) -> None:
     """Warn of starts of angles that are more than a turn."""
-    for i, q in enumerate(system.states):
-        if q.unit != "rad":
-            continue
+    for i, q in [(i, q) for i, q in enumerate(system.states) if q.unit == "rad"]:
         if isinstance(starts, Starts):
-            values = [s[q.name] for s in starts.states if q.name in s]
-            values += starts.box.get(q.name, ())
+            values = [*(s.get(q.name, 0.0) for s in starts.states), *starts.box.get(q.name, ())]
         else:
-            table = np.asarray(starts, dtype=float)
-            values = list(table[:, i]) if table.ndim == 2 and i < table.shape[1] else []
-        if values:
-            furthest = float(max(values, key=abs))
-            said = f"math.radians({furthest:g})"
-            warn_of_turns(f"the start of '{q.name}', {furthest:g},", furthest, said, stacklevel=5)
+            values = list(np.array(starts, dtype=float, ndmin=2)[:, i : i + 1].flat)
+        most = float(max(values, key=abs, default=0.0))
+        warn_of_turns(f"the start of '{q.name}'", most, f"math.radians({most:g})", stacklevel=5)
 
 
 def _initial_states(

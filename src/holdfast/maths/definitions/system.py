@@ -479,6 +479,20 @@ def check_output_units(system: System, law: Law | Switching) -> None:
                 raise of_another_unit(does, unit, q, f"system '{system.name}'")
 
 
+def check_disturbance_units(
+    system: System, disturbance: Mapping[str, sp.Expr], more: Sequence[Quantity] = ()
+) -> None:
+    """Refuse a disturbance in another unit than its own; `more` may stand in it too."""
+    if system.empirical or not disturbance:
+        return
+    groups = (*more, *system.parameters, *system.states, *system.disturbances)
+    by_name = {q.name: q for q in groups}
+    units = Units(f"system '{system.name}'", by_name.values())
+    for name, e in disturbance.items():
+        if name in system.disturbance_names:
+            units.check(e, f"the disturbance '{name}'", units.kinds[symbol(name)], "its unit")
+
+
 def check_rates(law: str, system: System, wanted: Callable[..., System], *arguments: Any) -> None:
     """Refuse a system whose undisturbed rates are not those of `wanted`(*arguments).
 
