@@ -7,6 +7,7 @@ Only what is written is checked, so that what is refused is wrong with any readi
 | a quantity | the one written of it; without one, whatever fits |
 | a number | whatever fits: 0.5 x may be a speed, since the unit of 0.5 is not written |
 | a value of cos, tanh, exp, sgn, ... | whatever fits where it stands alone; none in a product |
+| `t` | whatever fits, as a number: of seconds |
 | a sum, least, greatest, select | that of its terms, which is the same |
 | a product, a power | the product, the power; an exponent has none |
 | the argument of sin, exp, wrap, ... | none, or an angle in rad |
@@ -54,7 +55,7 @@ CLOSE = 1e-9
 LONGEST = 60
 """Characters of a term in a message."""
 
-_TIMES = (TIME, TIME_IN_MODE, SAMPLE_TIME, DELAY)
+_DURATIONS = (TIME_IN_MODE, SAMPLE_TIME, DELAY)
 
 
 def kind_of_unit(unit: str) -> Kind:
@@ -126,8 +127,8 @@ class Units:
                     expected=error.expected,
                 ) from None
         self.plain = all(k == NONE or isinstance(k, Free) for k in self.kinds.values())
-        time = Free.ANY if self.plain else SECOND
-        self.kinds |= dict.fromkeys(_TIMES, time)
+        self.kinds |= {TIME: Free.ANY}
+        self.kinds |= dict.fromkeys(_DURATIONS, Free.ANY if self.plain else SECOND)
 
     def per_second(self, kind: Kind) -> Kind:
         """That of a rate of what has this; what has none may count time in anything."""
