@@ -200,7 +200,7 @@ _FACTOR = re.compile(r"(1|[A-Za-z]+)(?:\^([-+]?\d))?\s*([*/]?)")
 def dimension(unit: str) -> Dimension:
     """That of a unit such as "kg m^2"; `UnitError` for text that is not a unit."""
     size, powers, sign = 1.0, dict.fromkeys(BASE, 0.0), 1
-    if not _SIMPLE.fullmatch(unit):
+    if len(unit) > MAX_LENGTH or not _SIMPLE.fullmatch(unit):
         return _dimension_by_library(unit)
     for name, power, operator in _FACTOR.findall(unit):
         of, factor = _FACTORS.get(name, (name, 1.0))
