@@ -230,6 +230,7 @@ def test_an_empirical_model_is_not_checked_and_is_the_same_value():
     fitted = car(v=V + B, empirical="a fit to logs")
     assert replace(fitted, name="cart").empirical == "a fit to logs"
     assert car(empirical="a fit") == car()
+    assert hf.promote(fitted, ("v",), hf.Box((-1,), (1,))).empirical == "a fit to logs"
     with pytest.raises(HoldfastError, match="expected the reason as text"):
         car(v=V + B, empirical=True)
 

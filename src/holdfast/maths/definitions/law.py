@@ -397,7 +397,8 @@ class Law(Printed):
     `handed`: quantities that somebody else gives at every sample, such as the command of another
     controller; expressions may use them as they use `reads`.
     `safeguard`: a safety filter, the half-spaces that the outputs are kept in. `lookup`: a
-    function known on a grid, whose symbols the outputs, signals and safeguard may use.
+    function known on a grid, whose symbols the outputs, signals and safeguard may use. empirical:
+    why units do not count in it; without it they are checked where a user makes the law.
     """
 
     name: str

@@ -125,7 +125,8 @@ class Region(Printed):
     """K = { q : c_j(q) <= 0 for every j } (thesis (5.4), with its parameters).
 
     `reads` are the states the inequalities use. `scene` holds the shapes to draw. A moving region,
-    whose inequalities depend on `TIME`, is for kernels and reachable sets.
+    whose inequalities depend on `TIME`, is for kernels and reachable sets. empirical: why units do
+    not count in it; without it they are checked where a user makes the region.
     """
 
     name: str

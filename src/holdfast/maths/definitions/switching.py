@@ -113,7 +113,8 @@ class Switching(Printed):
     At every control sample the transitions out of the current mode are tried in the order
     written. The first whose guard holds is taken, at most one per sample, before the law is
     evaluated. `signals` are recorded in every mode. `memory`: the discrete-time state of the
-    controller; every mode may read it.
+    controller; every mode may read it. empirical: why units do not count in its guards, signals
+    and memory; without it they are checked where a user makes the switching.
     """
 
     name: str

@@ -210,9 +210,12 @@ class System(Printed):
     the bounds in a Hamiltonian without a closed form (0: such a Hamiltonian is refused).
     `measurements`: output equations, which a law may read in place of the states. promoted: of a
     reduced model, the states of the whole one that are its inputs or disturbances (`promote`).
-    flat_output: from which chained coordinates follow, where no pair of states is one.
-    Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, or the rates
-    leave a Pfaffian constraint.
+    flat_output: from which chained coordinates follow, where no pair of states is one. empirical:
+    why units do not count in it, such as "a fit to data"; without it they are checked where a user
+    makes the system.
+
+    Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, the rates leave a
+    Pfaffian constraint, or units do not fit.
     """
 
     name: str

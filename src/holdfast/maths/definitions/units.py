@@ -112,7 +112,7 @@ class Units:
     """The units of expressions of the same quantities, each part of them once.
 
     owner: whose the expressions are, in messages. Where nothing that is written has a unit but "1"
-    or "rad" (`plain`), time has none either.
+    or "rad" (`plain`), durations have none either.
     """
 
     def __init__(self, owner: str, quantities: Iterable[Quantity]) -> None:
