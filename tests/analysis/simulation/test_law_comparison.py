@@ -34,6 +34,7 @@ outputs = { a = "-4*(x - 0.95) - 1*v" }
 gains = [1.0, 4.0]
 
 [goal]
+empirical = "numbers"
 constraints = { there = "max(abs(x - 0.95), abs(v)) - 0.02" }
 
 [starts]

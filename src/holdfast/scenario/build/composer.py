@@ -343,7 +343,10 @@ class Composer:
         said = {"name": spec.name, **spec.read(self.file, "system", names=names)}
         rates = said.pop("rates", {})
         if rows and not rates and not inputs:
-            moved = kinematic_system(states=states, rows=tuple(rows), parameters=parameters, **said)
+            with for_user():
+                moved = kinematic_system(
+                    states=states, rows=tuple(rows), parameters=parameters, **said
+                )
             return replace(moved, flat_output=flat)
         measured = self._each(Measurement, spec.measurements, "system.measurements", names)
         with for_user():
