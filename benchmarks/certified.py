@@ -67,7 +67,7 @@ START = (0.4, 0.4)
 
 def region(name: str, system: hf.System, limits: list[sp.Expr]) -> hf.Region:
     rows = tuple(hf.Inequality(f"c{k}", e) for k, e in enumerate(limits))
-    return hf.Region(name, system.states, rows)
+    return hf.Region(name, system.states, rows, empirical="numbers")
 
 
 def edges(marks: set[float], step: float) -> np.ndarray:
@@ -92,6 +92,7 @@ def vehicle() -> hf.Certificate:
             "theta": v * sp.tan(steer),
         },
         input_bounds=hf.Box((-1.0, -1.0), (1.0, 1.0)),
+        empirical="numbers",
     )
     free = [reduce(least, (x - a, b - x, y - c, d - y)) for a, b, c, d in WALLS]
     square = region("square", car, [*free, -x, x - 10, -y, y - 10])
@@ -122,6 +123,7 @@ def converter() -> hf.Certificate:
         "converter", (hf.Quantity("i", "1"), hf.Quantity("v", "1")), (hf.Quantity("mode", "1"),),
         {n: (1 - mode) * a + mode * b for n, a, b in zip("iv", on, off, strict=True)},
         input_bounds=hf.Box((0.0,), (1.0,)),
+        empirical="numbers",
     )  # fmt: skip
     box = {"i": (1.15, 1.55), "v": (5.45, 5.85)}
     stays = region(
@@ -148,6 +150,7 @@ def cart(bias: bool) -> hf.Certificate:
         rates,
         input_bounds=hf.Box((-1.0,), (1.0,)),
         **more,
+        empirical="numbers",
     )
     walls = region("walls", system, [-1 - x, x - 1])
     tried = 3 if bias else 9
@@ -172,6 +175,7 @@ def steered(
     return hf.System(
         name, states, (input,), {q.name: r for q, r in zip(states, rates, strict=True)},
         input_bounds=hf.Box((-most,), (most,)),
+        empirical="numbers",
     )  # fmt: skip
 
 
@@ -271,6 +275,7 @@ def landing(noisy: bool) -> hf.Certificate:
         rates,
         input_bounds=hf.Box((0.0, 0.0), (32000.0, 8 * math.pi / 180)),
         **more,
+        empirical="numbers",
     )
     steep = 3 * math.pi / 180
     air = region("air", plane, [58 - v, v - 83, -steep - path, path, -h, h - 56])

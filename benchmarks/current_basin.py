@@ -78,6 +78,7 @@ def without_sway(vehicle: hf.System) -> hf.System:
         disturbances=vehicle.disturbances,
         disturbance_bounds=vehicle.disturbance_bounds,
         input_bounds=hf.Box((least, -float(yaw)), (most, float(yaw))),
+        empirical="numbers",
     )
 
 
@@ -142,7 +143,12 @@ def basin(case: Case, angle: float, nodes: tuple[int, ...]) -> hf.ValueFunction:
         + (y + ahead * math.sin(angle)) ** 2
         + (0.6 * size * (psi - angle)) ** 2
     )
-    near = hf.Region("near", view.reads, (hf.Inequality("near", sp.sqrt(off) - 0.3 * size, "m"),))
+    near = hf.Region(
+        "near",
+        view.reads,
+        (hf.Inequality("near", sp.sqrt(off) - 0.3 * size, "m"),),
+        empirical="numbers",
+    )
     return hf.capture_basin(
         reduced,
         near,

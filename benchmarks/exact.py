@@ -68,7 +68,7 @@ def quantities(*names: str) -> tuple[hf.Quantity, ...]:
 
 def region(*expressions: sp.Expr, reads: tuple[str, ...] = ("x",)) -> hf.Region:
     rows = tuple(hf.Inequality(f"c{i}", e) for i, e in enumerate(expressions))
-    return hf.Region("K", quantities(*reads), rows)
+    return hf.Region("K", quantities(*reads), rows, empirical="numbers")
 
 
 def doubled(*coarsest: int, levels: int = 3) -> tuple[tuple[int, ...], ...]:
@@ -80,6 +80,7 @@ def drift() -> Exact:
     system = hf.System(
         "drift", quantities("x", "y"), quantities("u"), {"x": sp.Integer(1), "y": U},
         input_bounds=hf.Box((-1,), (1,)),
+        empirical="numbers",
     )  # fmt: skip
     return Exact(
         "smooth", "a drift to a wall, in two dimensions", hf.viability_kernel, system,
@@ -107,6 +108,7 @@ def population() -> Exact:
     system = hf.System(
         "population", quantities("x", "y"), quantities("u"), {"x": X * Y, "y": U},
         input_bounds=hf.Box((-c,), (c,)),
+        empirical="numbers",
     )  # fmt: skip
 
     def value(x: Array, y: Array) -> Array:
@@ -126,6 +128,7 @@ def braking() -> Exact:
         "braking", quantities("x", "v"), quantities("u"), {"x": V, "v": U + D},
         disturbances=quantities("d"), input_bounds=hf.Box((-1,), (1,)),
         disturbance_bounds=hf.Box((-0.5,), (0.5,)),
+        empirical="numbers",
     )  # fmt: skip
     return Exact(
         "A2", "braking before two walls, disturbed", hf.discriminating_kernel, system,
@@ -151,6 +154,7 @@ def unstable(dimension: int, cells: int, levels: int) -> Exact:
         disturbances=quantities(*(f"d{i}" for i in range(dimension))),
         input_bounds=hf.Box(tuple(-most), tuple(most)),
         disturbance_bounds=hf.Box(tuple(-against), tuple(against)),
+        empirical="numbers",
     )  # fmt: skip
     rest, seconds = (most - against) / lam, 1.0
     left = rest + (1 - rest) * np.exp(-lam * seconds)
@@ -172,6 +176,7 @@ def turning() -> Exact:
     system = hf.System(
         "turning", (hf.Quantity("y", "m"), theta), quantities("u"),
         {"y": speed * sp.sin(TH) + current, "theta": U}, input_bounds=hf.Box((-1,), (1,)),
+        empirical="numbers",
     )  # fmt: skip
     still = -math.asin(current / speed)
 
@@ -196,6 +201,7 @@ def zermelo() -> Exact:
     system = hf.System(
         "boat", quantities("x", "y"), quantities("u", "w"), {"x": current + U, "y": W},
         input_bounds=hf.Ball(sp.Float(1.0), 2),
+        empirical="numbers",
     )  # fmt: skip
     disc = region(sp.sqrt(X**2 + Y**2) - radius, reads=("x", "y"))
     return Exact(
@@ -210,6 +216,7 @@ def cart() -> hf.System:
     return hf.System(
         "cart", quantities("x", "v"), quantities("u"), {"x": V, "v": U},
         input_bounds=hf.Box((-1,), (1,)),
+        empirical="numbers",
     )  # fmt: skip
 
 
@@ -257,6 +264,7 @@ def aircraft() -> Exact:
          "psi": other - turn},
         disturbances=quantities("b"),
         input_bounds=hf.Box((-1,), (1,)), disturbance_bounds=hf.Box((-1,), (1,)),
+        empirical="numbers",
     )  # fmt: skip
     points = []
     for start in (math.pi / 3, math.pi / 2, 2.0):

@@ -70,12 +70,12 @@ THETA, V, COUNT = map(hf.symbol, ("theta", "v", "count"))
 
 
 def system(name: str, rates: dict[str, Any]) -> hf.System:
-    return hf.System(name, tuple(hf.Quantity(n, "") for n in rates), (), rates)
+    return hf.System(name, tuple(hf.Quantity(n, "") for n in rates), (), rates, empirical="numbers")
 
 
 def region(of: hf.System, *limits: Any) -> hf.Region:
     rows = tuple(hf.Inequality(f"c{k}", e) for k, e in enumerate(limits))
-    return hf.Region("bounds", of.states, rows)
+    return hf.Region("bounds", of.states, rows, empirical="numbers")
 
 
 def spacecraft(name: str, gains: list[list[float]]) -> hf.System:
@@ -205,6 +205,7 @@ def unicycle() -> hf.Flowpipe:
         "unicycle", tuple(states), (u1, u2),
         {**rates, "theta": u2.symbol, "v": u1.symbol + w.symbol},
         disturbances=(w,), disturbance_bounds=hf.Box((-1e-4,), (1e-4,)),
+        empirical="numbers",
     )  # fmt: skip
     network = json.loads(NETWORK.read_text())
 
@@ -216,7 +217,12 @@ def unicycle() -> hf.Flowpipe:
 
     hidden = layer(network["hidden"], [q.symbol for q in states])
     turn = [e - 20 for e in layer(network["outputs"], hidden)]
-    law = hf.Law("network", of.states, dict(zip(("u1", "u2"), turn, strict=True)))
+    law = hf.Law(
+        "network",
+        of.states,
+        dict(zip(("u1", "u2"), turn, strict=True)),
+        empirical="numbers",
+    )
     goal = {x: 0.6, y: 0.2, THETA: 0.06, V: 0.3}
     there = [e for q, most in goal.items() for e in between(q, -most, most)]
     start = {"x": (9.5, 9.55), "y": (-4.5, -4.45), "theta": (2.1, 2.11), "v": (1.5, 1.51)}

@@ -88,8 +88,14 @@ def peer(device: str) -> None:
     cart = hf.System(
         "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("u", "m/s^2"),),
         {"x": v, "v": u}, input_bounds=hf.Box((-1,), (1,)),
+        empirical="numbers",
     )  # fmt: skip
-    walls = hf.Region("walls", cart.states[:1], (hf.Inequality("walls", x**2 - 1, "m"),))
+    walls = hf.Region(
+        "walls",
+        cart.states[:1],
+        (hf.Inequality("walls", x**2 - 1, "m"),),
+        empirical="numbers",
+    )
     box, nodes, horizon = {"x": (-2, 2), "v": (-2, 2)}, 2001, 1.0
     ends = dict.fromkeys(box, "extrapolated")
     for _ in range(2):  # the second without compilation

@@ -121,8 +121,14 @@ def aircraft(nodes: tuple[int, ...], steps: int) -> LevelSet:
         },
         disturbances=(hf.Quantity("b", "1"),),
         input_bounds=hf.Box((-1,), (1,)), disturbance_bounds=hf.Box((-1,), (1,)),
+        empirical="numbers",
     )  # fmt: skip
-    apart = hf.Region("apart", states[:2], (hf.Inequality("near", 5 - sp.sqrt(x**2 + y**2)),))
+    apart = hf.Region(
+        "apart",
+        states[:2],
+        (hf.Inequality("near", 5 - sp.sqrt(x**2 + y**2)),),
+        empirical="numbers",
+    )
     box = {"x": (-6, 20), "y": (-10, 10), "psi": (0, 2 * math.pi)}
     grid = hf.grid(
         system, box, dict(zip(box, nodes, strict=True)), {"x": "extrapolated", "y": "extrapolated"}

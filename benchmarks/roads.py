@@ -51,7 +51,7 @@ def roads() -> dict[str, Callable[[], Any]]:
     limits = (hf.Inequality("l", -1 - x, "m"), hf.Inequality("r", x - 1, "m"))
     walls = hf.Region("walls", cart.states, limits)
     grid = hf.grid(cart, {"x": (-1.5, 1.5), "v": (-2.0, 2.0)}, 41)
-    back = hf.Law("back", cart.states, {"a": -x - 1.5 * v})
+    back = hf.Law("back", cart.states, {"a": -1.0 * x - 1.5 * v})
     box = {"x": (-1, 1), "v": (-2, 2)}
     robot = hf.systems.unicycle()
     return {

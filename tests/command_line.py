@@ -129,6 +129,7 @@ title = "decay"
 [system]
 states = { T = { unit = "m" } }
 inputs = { h = { unit = "m/s" } }
+empirical = "numbers"
 rates = { T = "h - T" }
 [law]
 outputs = { h = "0" }

@@ -51,6 +51,7 @@ disturbances = { w = { unit = "m/s", bounds = ["-push", "push"] } }
 parameters = { push = { value = 0.3, unit = "m/s" } }
 rates = { x = "v + w", v = "a" }
 [law]
+empirical = "numbers"
 parameters = { k = 1.0 }
 signals = { s = "x + v" }
 initial = "far"
@@ -79,6 +80,7 @@ kind = "viability-kernel"
 [system]
 states = { x = { unit = "m" } }
 inputs = { u = { unit = "m/s", bounds = [-0.6, 0.6] } }
+empirical = "numbers"
 rates = { x = "x + u" }
 [region]
 constraints = { end = { expression = "abs(x) - 1", unit = "m" } }

@@ -51,6 +51,7 @@ states = { x = { unit = "m" } }
 inputs = { u = { unit = "m/s", bounds = [-0.6, 0.6] } }
 disturbances = { d = { unit = "m/s", bounds = ["-push", "push"] } }
 parameters = { push = { value = 0.4, unit = "m/s" } }
+empirical = "numbers"
 rates = { x = "x + u + d" }
 
 [region]

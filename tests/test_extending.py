@@ -317,6 +317,7 @@ kind = "closed-loop"
 name = "drifter"
 [law]
 name = "back"
+empirical = "numbers"
 outputs = { u = "-x" }
 [starts]
 random = 5

@@ -62,6 +62,14 @@ FILES = {
     ('unit = "m/s"', 'unit = "knotz"'): "'knotz'",
     ("[grid]", "[gird]"): "did you mean 'grid'?",
     ('title = "Mower"', "title = Mower"): "not a TOML file",
+    ("v*cos(th)", "v*cos(v)"): "the rate of 'x' of system 'mower': the term 'cos(v)', whose 'v' is in "
+        "m/s; expected an angle in rad or a number without a unit; correct it, or multiply it by a "
+        "parameter in s/m; where units do not count say why: empirical = ",
+    ("v*cos(th)", "v*cos(th) + w"): "'v*cos(th) + w' adds 'w' in 1/s and 'v*cos(th)' in m/s; expected one",
+    ("[0, 1]", '["0 m/s^2", "1 m/s^2"]'): "system.inputs.v.bounds: the unit 'm/s^2' does not fit; expected 'm/s'",
+    ("[0, 1]", '[0, "1 knotz"]'): "system.inputs.v.bounds: '1 knotz' is not an expression",
+    ("abs(y) - 3", "y**2"): "region: inequality 'lawn' of region 'region': 'y**2' is in m^2; expected m",
+    ('name = "mower"', 'name = "mower"\nempirical = true'): "system.empirical: got True",
 }  # fmt: skip
 
 
@@ -94,7 +102,7 @@ def line(**more):
     return hf.System("line", STATES, INPUTS, {"x": U}, **more)
 
 
-STILL = hf.System("still", STATES, (), {"x": -X})
+STILL = hf.System("still", STATES, (), {"x": -1.0 * X})
 WALL = hf.Region("wall", STATES, (hf.Inequality("right", X - 1, "m"),))
 
 
@@ -119,7 +127,7 @@ CALLS = {
         lambda: hf.Inequality("wall", sp.And(X < 1, X > -1)), "write an inequality for each part",
     ),
     "a law of a system that has no inputs": (
-        lambda: hf.check_promise(STILL, still_set(), WALL, law=hf.Law("home", STATES, {"u": -X})),
+        lambda: hf.check_promise(STILL, still_set(), WALL, law=hf.Law("home", STATES, {"u": -1.5 * X})),
         "system 'still' has no inputs; expected no law",
     ),
     "the other relation": (lambda: hf.Inequality("wall", X > 1, "m"), "write 1 - x"),
@@ -143,19 +151,19 @@ CALLS = {
     "an unknown scenario": (lambda: hf.load_scenario("inspektion"), "did you mean 'inspection'?"),
     "an unknown vehicle": (lambda: hf.load_vehicle("bluerov"), "bluerov2"),
     "a start of another state": (
-        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -X}), starts=[{"y": 1}], horizon=1),
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -1.5 * X}), starts=[{"y": 1}], horizon=1),
         "'y'",
     ),
     "a start of another length": (
-        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -X}), starts=[[1, 2]], horizon=1),
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -1.5 * X}), starts=[[1, 2]], horizon=1),
         "expected (runs, 1) for the states x",
     ),
     "a horizon below 0": (
-        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -X}), starts=[[1]], horizon=-1),
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"u": -1.5 * X}), starts=[[1]], horizon=-1),
         "horizon",
     ),
     "a law without its output": (
-        lambda: hf.simulate(line(), hf.Law("home", STATES, {"v": -X}), starts=[[1]], horizon=1),
+        lambda: hf.simulate(line(), hf.Law("home", STATES, {"v": -1.5 * X}), starts=[[1]], horizon=1),
         "law 'home' gives v; expected the inputs of system 'line': u",
     ),
     "a scheme that is misspelt": (
@@ -177,15 +185,18 @@ def test_what_is_wrong_in_a_call_is_said(call):
 
 def test_names_are_enough():
     """Plain symbols of SymPy, and texts, stand for the states and inputs of their names."""
-    declared = hf.System("line", STATES, INPUTS, {"x": hf.symbol("u") * sp.cos(hf.symbol("x"))})
-    assert hf.System("line", STATES, INPUTS, {"x": U * sp.cos(X)}) == declared
-    assert hf.System("line", STATES, INPUTS, {"x": "u*cos(x)"}) == declared
-    assert hf.System("line", STATES, INPUTS, {"x": sp.Symbol("u", positive=True) * sp.cos(X)}) == (
-        declared
-    )
-    law = hf.Law("home", STATES, {"u": -X})
+    declared = hf.System("line", STATES, INPUTS, {"x": hf.symbol("u") * sp.cos(2 * hf.symbol("x"))})
+    assert hf.System("line", STATES, INPUTS, {"x": U * sp.cos(2 * X)}) == declared
+    assert hf.System("line", STATES, INPUTS, {"x": "u*cos(2*x)"}) == declared
     assert (
-        law == hf.Law("home", STATES, {"u": "-x"}) == hf.Law("home", STATES, {"u": -hf.symbol("x")})
+        hf.System("line", STATES, INPUTS, {"x": sp.Symbol("u", positive=True) * sp.cos(2 * X)})
+        == declared
+    )
+    law = hf.Law("home", STATES, {"u": -1.5 * X})
+    assert (
+        law
+        == hf.Law("home", STATES, {"u": "-1.5*x"})
+        == hf.Law("home", STATES, {"u": -1.5 * hf.symbol("x")})
     )
     assert hf.Inequality("wall", X - 3).expression == hf.symbol("x") - 3
     assert hf.System("line", STATES, INPUTS, {"x": "u + pi"}).rates["x"] == hf.symbol("u") + sp.pi
@@ -264,3 +275,53 @@ def test_an_interrupted_sweep_says_what_is_kept_and_how_to_go_on(here):
         "holdfast: interrupted; the cells that are finished are kept in runs/ch2-unicycle, and the "
         "same command goes on from there"
     )
+
+
+TURNING = """
+[scenario]
+title = "Turns"
+kind = "closed-loop"
+[system]
+states = { th = { unit = "rad", angle = true } }
+inputs = { w = { unit = "rad/s", bounds = ["-90 deg/s", "90 deg/s"] } }
+rates = { th = "w" }
+[law]
+outputs = { w = "-0.5*th" }
+[starts]
+states = [{ th = 0 }]
+[run]
+horizon = 1
+"""
+
+
+@pytest.mark.parametrize(
+    ("written", "key", "turns"),
+    [
+        ("states = [{ th = 90 }]", "starts.states.0.th: 'th' without a unit is read as 90 rad", "14.3"),
+        ('states = [{ th = "90" }]', "starts.states.0.th", "14.3"),
+        ("random = 2\nbox = { th = [-180, 170] }", "starts.box.th", "-28.6"),
+        ("random = 2\nevery = [0, 7]", "starts.every", "1.11"),
+        ('states = [{ th = "900 deg" }, { th = 6.2832 }]', "", ""),
+        ('random = 2\nbox = { th = ["-720 deg", 3.2] }', "", ""),
+    ],
+)  # fmt: skip
+def test_an_angle_without_a_unit_that_is_more_than_a_turn_is_read_with_a_warning(
+    here, recwarn, written, key, turns
+):
+    Path("turns.toml").write_text(TURNING.replace("states = [{ th = 0 }]", written, 1))
+    scenario = hf.load_scenario("turns.toml")
+    assert float(scenario.system.input_bounds.upper[0]) == pytest.approx(np.pi / 2)
+    messages = [str(w.message) for w in recwarn if w.category is hf.AngleWarning]
+    assert len(messages) == bool(key)
+    if key:
+        assert key in messages[0]
+        assert f"(= {turns} turns); if it is in degrees, write" in messages[0]
+
+
+def test_a_start_in_degrees_is_told_in_python_too():
+    th = (hf.Quantity("th", "rad", angle=True),)
+    turning = hf.System("turning", th, (hf.Quantity("w", "rad/s"),), {"th": "w"})
+    law = hf.Law("back", th, {"w": "-0.5*th"})
+    for starts in ([[0.1], [90.0]], hf.Starts([{"th": 90.0}])):
+        with pytest.warns(hf.AngleWarning, match=r"write math.radians\(90\)"):
+            hf.simulate(turning, law, starts=starts, horizon=0.1)

@@ -201,6 +201,7 @@ def law_trial(p: Problem, seed: int, number: int) -> dict[str, Any]:
             )
             for q, m, row in zip(built.system.input_names, middle, gains, strict=True)
         },
+        empirical="numbers",
     )
     options = {
         k: v for k, v in setting.options.items() if k in ("box", "cells", "sample_time", "delay")

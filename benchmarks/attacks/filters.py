@@ -287,6 +287,7 @@ def over_parts(p: Problem, seed: int, number: int) -> dict[str, Any]:
         disturbances=(hf.Quantity("d0", "m/s^2"),),
         input_bounds=hf.Box((-weak,), (strong,)),
         disturbance_bounds=hf.Box((-push,), (push,)),
+        empirical="numbers",
     )
     late = hf.lagged(cart, {"u0": lag})
     x = hf.symbol("x")
@@ -294,6 +295,7 @@ def over_parts(p: Problem, seed: int, number: int) -> dict[str, Any]:
         "walls",
         cart.states[:1],
         (hf.Inequality("left", -1 - x, "m"), hf.Inequality("right", x - 1, "m")),
+        empirical="numbers",
     )
     nodes = int(g.integers(41, 82))
 

@@ -39,6 +39,7 @@ def craft(number: int) -> tuple[hf.System, list[str], dict[str, tuple[float, flo
                 parameter("b", "kg/m", value=1.0),
                 parameter("m", "kg", value=4.0),
             ),
+            empirical="numbers",
         )
         return (
             system,
@@ -55,6 +56,7 @@ def craft(number: int) -> tuple[hf.System, list[str], dict[str, tuple[float, flo
             {"psi": s("r"), "r": s("k") * s("n") - s("c") * s("r")},
             input_bounds=hf.Box((-10,), (10,)),
             parameters=(parameter("c", "1/s", value=1.0), parameter("k", "1/(kg m^2)", value=1.0)),
+            empirical="numbers",
         )
         return (
             system,
@@ -76,6 +78,7 @@ def craft(number: int) -> tuple[hf.System, list[str], dict[str, tuple[float, flo
             },
             input_bounds=hf.Box((-10,), (10,)),
             parameters=(parameter("w", "1/s^2", value=2.0), parameter("z", "1/s", value=0.5)),
+            empirical="numbers",
         )
         return (
             system,
@@ -95,6 +98,7 @@ def craft(number: int) -> tuple[hf.System, list[str], dict[str, tuple[float, flo
         {"u": s("X") - s("a") * s("u") + s("h") * s("v"), "v": s("Y") - s("c") * s("v")},
         input_bounds=hf.Box((-10, -10), (10, 10)),
         parameters=tuple(parameter(n, "1/s", value=1.0) for n in ranges),
+        empirical="numbers",
     )
     return (
         system,

@@ -58,6 +58,7 @@ class Built:
             parameters=tuple(
                 self._used({"clock", *self._bound_names, *map("s_{}".format, p.states)}, p.rates)
             ),
+            empirical="numbers",
         )
         self.region, self.goal = (
             hf.Region(
@@ -65,6 +66,7 @@ class Built:
                 quantities,
                 tuple(hf.Inequality(f"c{i}", self._formula(t)) for i, t in enumerate(texts)),
                 parameters=tuple(self._used({"clock"} if p.moves else set(), texts, system=False)),
+                empirical="numbers",
             )
             for name, texts in (("region", p.region), ("goal", p.goal))
         )

@@ -13,10 +13,12 @@ import builtins
 import inspect
 import math
 import sys
+import threading
 import types
 import typing
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from numbers import Real
@@ -139,6 +141,30 @@ def by_present_names(
     return present
 
 
+class _AtWork(threading.local):
+    """How many public functions and classes this thread is within."""
+
+    depth = 0
+
+
+_AT_WORK = _AtWork()
+
+
+def written_by_user() -> bool:
+    """Whether a public class is made by the user, and not by a public function."""
+    return _AT_WORK.depth == 1
+
+
+@contextmanager
+def for_user() -> Iterator[None]:
+    """What is made within is what a user has written, as in a file."""
+    depth, _AT_WORK.depth = _AT_WORK.depth, 0
+    try:
+        yield
+    finally:
+        _AT_WORK.depth = depth
+
+
 def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     signature = inspect.signature(function)
     hints: dict[str, Any] = {}
@@ -163,11 +189,14 @@ def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
             allowed = ", ".join(n for n in signature.parameters if n != "self")
             raise ArgumentError(f"{name}: {error}", expected=f"({allowed})") from None
         refuse(before, arguments)
+        _AT_WORK.depth += 1
         try:
             answer = function(*positional, **named)
         except FAILURES:
             refuse({n: _check(hint) for n, hint in hints.items()}, arguments)
             raise
+        finally:
+            _AT_WORK.depth -= 1
         refuse(after, arguments)
         return answer
 

@@ -58,6 +58,10 @@ class ModelWarning(UserWarning):
     """A model that leaves out what a vehicle has: what was computed with it need not hold."""
 
 
+class AngleWarning(UserWarning):
+    """An angle without a unit that is more than a turn: it is read in radians."""
+
+
 class PromiseNotTriedWarning(UserWarning):
     """A kernel in use whose promise was never tried in closed loop."""
 

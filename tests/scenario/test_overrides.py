@@ -37,6 +37,7 @@ inputs = { v = { unit = "m/s" } }
 rates = { x = "v" }
 parameters = { idle = { unit = "m", value = 1 }, fast = { unit = "m/s", value = 1 } }
 [law]
+empirical = "numbers"
 outputs = { v = "-x" }
 [region]
 constraints = { near = { expression = "x - 2", unit = "m" } }
@@ -46,7 +47,7 @@ states = [{ x = 1 }]
 horizon = 1
 [compare.laws.quick]
 without = ["law"]
-law = { outputs = { v = "-fast*x" } }
+law = { empirical = "numbers", outputs = { v = "-fast*x" } }
 """
 
 

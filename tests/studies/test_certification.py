@@ -175,6 +175,7 @@ source = "made up"
 [system]
 states = { x = { unit = "m" }, y = { unit = "m" } }
 inputs = { a = { unit = "m/s", bounds = [-1, 1] } }
+empirical = "numbers"
 rates = { x = "a - x", y = "-y" }
 
 [origin.constraints]

@@ -472,6 +472,7 @@ title = "An oscillator, pushed"
 states = { x = { unit = "m" }, v = { unit = "m/s" } }
 inputs = { u = { unit = "m/s^2", bounds = [-1, 1] } }
 WHATEVER
+empirical = "numbers"
 rates = { x = "v", v = "w - x + u" }
 
 [region]

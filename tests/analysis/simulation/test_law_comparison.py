@@ -27,12 +27,14 @@ rates = { x = "v", v = "a" }
 constraints = { wall = { expression = "x - 1", unit = "m" } }
 
 [law]
+empirical = "numbers"
 outputs = { a = "-4*(x - 0.95) - 1*v" }
 
 [safeguard]
 gains = [1.0, 4.0]
 
 [goal]
+empirical = "numbers"
 constraints = { there = "max(abs(x - 0.95), abs(v)) - 0.02" }
 
 [starts]
@@ -111,10 +113,10 @@ def test_detour_is_the_path_over_the_shortest_of_any_law(tmp_path):
         '[system]\nstates = { x = { unit = "m" }, y = { unit = "m" } }\n'
         'inputs = { a = { unit = "m/s" }, b = { unit = "m/s" } }\nrates = { x = "a", y = "b" }\n'
         '[region]\nconstraints = { room = "hypot(x, y) - 9" }\n'
-        '[law]\noutputs = { a = "-x", b = "-y" }\n[goal]\nname = "near_origin"\n'
+        '[law]\nempirical = "numbers"\noutputs = { a = "-x", b = "-y" }\n[goal]\nname = "near_origin"\n'
         "[starts]\nstates = [{ x = 3, y = 4 }]\n[run]\nhorizon = 30\nrecord_every = 0.02\n"
         '[compare.laws.corner]\nwithout = ["law"]\n'
-        'law = { outputs = { a = "-x*clip((y - 4)*(0 - 1) - 3.9, 0, 1)*10", b = "-y" } }\n'
+        'law = { empirical = "numbers", outputs = { a = "-x*clip((y - 4)*(0 - 1) - 3.9, 0, 1)*10", b = "-y" } }\n'
     )
     found = hf.compare(str(path))
     assert list(found.cases) == ["as it is"]

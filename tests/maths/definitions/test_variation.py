@@ -567,6 +567,7 @@ states = {{ x = {{ unit = "m" }} }}
 inputs = {{ u = {{ unit = "m/s" }} }}
 disturbances = {{ d = {{ unit = "m/s", bounds = [-1, 1] }} }}
 parameters = {{ g = {{ value = 2.0, unit = "m/s" }} }}
+empirical = "numbers"
 rates = {{ x = "g*u + d" }}
 
 [law]

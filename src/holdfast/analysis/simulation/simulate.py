@@ -21,7 +21,7 @@ from holdfast._version import __version__
 from holdfast.analysis.simulation.files import NamedArray, NamedArrays
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.starts import Starts, on_boundary
-from holdfast.arguments import checked
+from holdfast.arguments import checked, written_by_user
 from holdfast.errors import GainWarning, ModelWarning, SimulationError, check_name, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
@@ -37,10 +37,10 @@ from holdfast.execution.simulation.settings import (
 )
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
-from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol
+from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol, warn_of_turns
 from holdfast.maths.definitions.region import Region, drawn_shapes
 from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.system import System, check_disturbance_units
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.traversal import symbols_in
 
@@ -444,10 +444,10 @@ def simulate(
     record_every, continuous, tolerance, until_goal, noise_uniform, noise_normal, seed, threads,
     absolute, relative).
 
-    Warns with `GainWarning` when the gains violate a condition of the law. Raises
-    `DefinitionError` for a law that does not fit the system, and `SimulationError` for invalid
-    starts, disturbances or settings, and for a disturbance beyond its bounds: of a field at a
-    sample of any run.
+    Warns with `GainWarning` when the gains violate a condition of the law, and with `AngleWarning`
+    where an angle [rad] starts at more than a turn. Raises `DefinitionError` for a law that does
+    not fit the system, and `SimulationError` for invalid starts, disturbances or settings, and for
+    a disturbance beyond its bounds: of a field at a sample of any run.
 
     >>> run = hf.simulate(cart, brake, starts=[[0.5, 0.0]], region=track, horizon=8.0)
     >>> run.dataset["state"].sel(run=0)[-1].values.round(3)
@@ -499,6 +499,9 @@ def simulate(
         if system.input_bounds is not None:
             system.input_bounds.at(parameters)
     turns = varied.turns if varied is not None else 1
+    if written_by_user():
+        _warn_of_degrees(system, starts)
+        check_disturbance_units(system, expressions)
     if isinstance(starts, Starts):
         loop.check_room(starts.count * turns if part is None else len(part), chosen)
     try:
@@ -551,6 +554,17 @@ def simulate(
         parameters={p.name: p.value for p in program.parameters},
         reference=reference,
     )
+
+
+def _warn_of_degrees(system: System, starts: Starts | Sequence[Sequence[float]] | Array) -> None:
+    """Warn of starts of angles that are more than a turn."""
+    for i, q in [(i, q) for i, q in enumerate(system.states) if q.unit == "rad"]:
+        if isinstance(starts, Starts):
+            values = [*(s.get(q.name, 0.0) for s in starts.states), *starts.box.get(q.name, ())]
+        else:
+            values = list(np.array(starts, dtype=float, ndmin=2)[:, i : i + 1].flat)
+        most = float(max(values, key=abs, default=0.0))
+        warn_of_turns(f"the start of '{q.name}'", most, f"math.radians({most:g})", stacklevel=5)
 
 
 def _initial_states(

@@ -41,6 +41,7 @@ def renamed(system: System, names: Mapping[str, str], name: str = "") -> System:
 
     return System(
         name=name or system.name,
+        empirical=system.empirical,
         states=tuple(replace(q, name=called(q)) for q in system.states),
         inputs=tuple(replace(q, name=called(q)) for q in system.inputs),
         disturbances=tuple(replace(q, name=called(q)) for q in system.disturbances),
@@ -77,6 +78,7 @@ def side_by_side(*systems: System, name: str) -> System:
     """
     return System(
         name=name,
+        empirical="; ".join(dict.fromkeys(s.empirical for s in systems if s.empirical)),
         states=tuple(q for s in systems for q in s.states),
         inputs=tuple(q for s in systems for q in s.inputs),
         disturbances=tuple(q for s in systems for q in s.disturbances),
@@ -167,6 +169,7 @@ def seen_from(
     unit = follower.states[0].unit
     return System(
         name=both.name,
+        empirical=both.empirical,
         states=(
             Quantity(pose[0], unit, "position of the follower, ahead of the leader"),
             Quantity(pose[1], unit, "position of the follower, to the left of the leader"),

@@ -185,6 +185,7 @@ def promote(
         description=system.description,
         source=system.source,
         promoted=promoted,
+        empirical=system.empirical,
     )
 
 

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import checked, written_by_user
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.quantity import (
     DELAY,
     SAMPLE_TIME,
     TIME,
+    Dimension,
     Parameter,
     Quantity,
     check_symbols,
@@ -27,6 +28,7 @@ from holdfast.maths.definitions.quantity import (
     numbers_text,
     symbol,
 )
+from holdfast.maths.definitions.units import Free, Units, are_not_checked
 from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
 from holdfast.maths.expressions.traversal import at_numbers
 
@@ -404,7 +406,8 @@ class Law(Printed):
     somebody else gives at every sample, such as the command of another controller; expressions may
     use them as they use `reads`. safeguard: a safety filter, the half-spaces that the outputs are
     kept in. lookup: a function known on a grid, whose symbols the outputs, signals and safeguard
-    may use.
+    may use. empirical: why units do not count in it; without it they are checked where a user makes
+    the law.
 
     Raises `DefinitionError` without outputs, and for an expression of undeclared names.
 
@@ -427,6 +430,9 @@ class Law(Printed):
     handed: tuple[Quantity, ...] = ()
     description: str = ""
     source: str = ""
+    empirical: str = field(default="", kw_only=True, compare=False)
+    units: ClassVar[Mapping[str, Dimension] | None] = None
+    """Output -> its unit where it has one, of a law whose units were checked."""
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         reads = ", ".join(q.name for q in (*self.reads, *self.handed))
@@ -462,6 +468,22 @@ class Law(Printed):
                 [*allowed, SAMPLE_TIME],
                 owner,
             )
+        if written_by_user():
+            self.check_units()
+
+    def check_units(self) -> None:
+        """Refuse outputs and signals whose units do not fit, unless they are `empirical`.
+
+        What the units of the outputs have to be is known where the law meets a system.
+        """
+        if are_not_checked(self.empirical, f"law '{self.name}'"):
+            return
+        units = Units(f"law '{self.name}'", self.reads + self.handed + self.parameters)
+        of = {n: units.of(e, f"output '{n}'") for n, e in self.outputs.items()}
+        written = {n: kind for n, kind in of.items() if not isinstance(kind, Free)}
+        object.__setattr__(self, "units", FrozenDict(written))
+        for name, e in self.signals.items():
+            units.of(e, f"signal '{name}'")
 
     @property
     def output_names(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import keyword
 import math
 import re
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import sympy as sp
 
 from holdfast.arguments import InItsUnit, checked
-from holdfast.errors import DefinitionError, HoldfastError
+from holdfast.errors import AngleWarning, DefinitionError, HoldfastError
 from holdfast.maths.definitions.value import FrozenDict
 from holdfast.maths.expressions.functions import FUNCTIONS, PROCESSES
 from holdfast.maths.expressions.parser import expression_of
@@ -32,7 +33,7 @@ MAX_LENGTH = 80
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?\Z")
 
 
-_PART = re.compile(r"1|[A-Za-z%°µμΩ_]+(\^[-+]?\d{1,2})?")
+_PART = re.compile(r"1|[A-Za-z%°µμΩ_]+(\^[-+]?\d{1,2}(\.\d)?)?")
 
 
 class UnitError(HoldfastError):
@@ -124,7 +125,7 @@ def _pint_text(unit: str) -> str:
     """The unit if it consists of names, * / and small powers only: nothing else reaches pint."""
     if len(unit) > MAX_LENGTH:
         raise ValueError(unit)
-    for part in re.split(r"[\s*/]+", unit.strip().replace("**", "^")):
+    for part in re.split(r"[\s*/()]+", unit.strip().replace("**", "^").removesuffix(")")):
         if not _PART.fullmatch(part):
             raise ValueError(unit)
     return "dimensionless" if unit == "1" else unit
@@ -160,12 +161,101 @@ _FACTORS: dict[str, tuple[str, float]] = {
 def check_unit(unit: str) -> None:
     """Refuse text that is not a unit (`UnitError`)."""
     if unit not in _COMMON:
-        try:
-            _registry().Unit(_pint_text(unit))
-        except Exception:
-            raise UnitError(
-                f"'{unit[:40]}' is not a unit", expected='an SI unit such as "m/s"'
-            ) from None
+        dimension(unit)
+
+
+def is_unit(text: str) -> bool:
+    """Whether the text is a unit."""
+    try:
+        check_unit(text)
+    except UnitError:
+        return False
+    return True
+
+
+BASE = ("kg", "m", "s", "A", "K", "mol", "cd")
+"""The base units of the SI; an angle in rad has none of them."""
+
+Dimension = tuple[float, ...]
+"""Of a unit: the powers of the base units, then the logarithm of how many of their product it is.
+
+So km is no m and deg is no rad."""
+
+_NAMED: Mapping[str, Mapping[str, int]] = {
+    "1": {}, "rad": {}, "m": {"m": 1}, "s": {"s": 1}, "kg": {"kg": 1},
+    "N": {"kg": 1, "m": 1, "s": -2},
+}  # fmt: skip
+"""The powers of units that are known without the unit library."""
+
+_OF_LIBRARY = {
+    "[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K",
+    "[substance]": "mol", "[luminosity]": "cd",
+}  # fmt: skip
+
+_SIMPLE = re.compile(r"(?:(?:1|[A-Za-z]+)(?:\^[-+]?\d)?(?: ?[*/] ?| |\Z))+")
+_FACTOR = re.compile(r"(1|[A-Za-z]+)(?:\^([-+]?\d))?\s*([*/]?)")
+
+
+@cache
+def dimension(unit: str) -> Dimension:
+    """That of a unit such as "kg m^2"; `UnitError` for text that is not a unit."""
+    size, powers, sign = 1.0, dict.fromkeys(BASE, 0.0), 1
+    if len(unit) > MAX_LENGTH or not _SIMPLE.fullmatch(unit):
+        return _dimension_by_library(unit)
+    for name, power, operator in _FACTOR.findall(unit):
+        of, factor = _FACTORS.get(name, (name, 1.0))
+        if of not in _NAMED:
+            return _dimension_by_library(unit)
+        exponent = sign * int(power or 1)
+        size *= factor**exponent
+        for base, n in _NAMED[of].items():
+            powers[base] += n * exponent
+        sign = -1 if operator == "/" else 1
+    return (*powers.values(), math.log(size))
+
+
+def _dimension_by_library(unit: str) -> Dimension:
+    try:
+        of = _registry().Quantity(1.0, _registry().Unit(_pint_text(unit))).to_base_units()
+        powers = {_OF_LIBRARY[n]: float(str(p)) for n, p in of.dimensionality.items()}
+    except Exception:
+        raise UnitError(
+            f"'{unit[:40]}' is not a unit", expected='an SI unit such as "m/s"'
+        ) from None
+    return (*(dict.fromkeys(BASE, 0.0) | powers).values(), math.log(of.magnitude))
+
+
+def alike(one: Dimension, other: Dimension) -> bool:
+    """Whether both are one unit, within rounding of their powers."""
+    return one == other or all(abs(a - b) < 1e-9 for a, b in zip(one, other, strict=True))
+
+
+class Unwritten(str):
+    """The unit "1" of what no unit is written of."""
+
+
+UNWRITTEN = Unwritten("1")
+
+
+def has_unit(quantity: Quantity) -> bool:
+    """Whether a unit is written of it."""
+    return bool(quantity.unit) and not isinstance(quantity.unit, Unwritten)
+
+
+TURN = 2 * math.pi
+ROUNDED = 1.001
+"""How much more than a turn a number may be that was rounded."""
+
+
+def warn_of_turns(what: str, number: float, remedy: str, stacklevel: int = 3) -> None:
+    """Warn of a number [rad] that is more than a turn, and has no unit."""
+    if math.isfinite(number) and abs(number) > ROUNDED * TURN:
+        warnings.warn(
+            f"{what} is read as {number:g} rad (= {number / TURN:.3g} turns); "
+            f"if it is in degrees, write {remedy}",
+            AngleWarning,
+            stacklevel=stacklevel,
+        )
 
 
 TIME = sp.Symbol("t", real=True)
@@ -218,7 +308,7 @@ class Quantity:
     """
 
     name: str
-    unit: str = "1"
+    unit: str = UNWRITTEN
     description: str = ""
     angle: bool = False
     role: Role = field(default="", kw_only=True)

@@ -12,14 +12,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import sympy as sp
 
-from holdfast.arguments import InItsUnit, Written, checked
+from holdfast.arguments import InItsUnit, Written, checked, written_by_user
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.quantity import (
     TIME,
+    UNWRITTEN,
     Parameter,
     Quantity,
     check_symbols,
@@ -27,6 +28,7 @@ from holdfast.maths.definitions.quantity import (
     merge_parameters,
     numbers_text,
 )
+from holdfast.maths.definitions.units import Units, are_not_checked, kind_of_unit
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.functions import greatest
 from holdfast.maths.expressions.parser import expression_of
@@ -114,7 +116,7 @@ class Inequality(Value):
 
     name: str
     expression: Written
-    unit: str = "1"
+    unit: str = UNWRITTEN
     description: str = ""
     scale: InItsUnit | None = None
 
@@ -145,7 +147,8 @@ class Region(Printed):
     """K = { q : c_j(q) <= 0 for every j } (thesis (5.4), with its parameters).
 
     reads: the states that the inequalities use. inequalities: each an `Inequality`, c_j.
-    parameters: what they use besides. scene: the shapes to draw.
+    parameters: what they use besides. scene: the shapes to draw. empirical: why units do not count
+    in it; without it they are checked where a user makes the region.
 
     A moving region, whose inequalities depend on `TIME`, is for kernels and reachable sets.
 
@@ -165,6 +168,7 @@ class Region(Printed):
     scene: tuple[Shape, ...] = ()
     description: str = ""
     source: str = ""
+    empirical: str = field(default="", kw_only=True, compare=False)
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         conditions = [
@@ -184,6 +188,17 @@ class Region(Printed):
         check_symbols(
             {f"inequality '{c.name}'": c.expression for c in self.inequalities}, allowed, owner
         )
+        if written_by_user():
+            self.check_units()
+
+    def check_units(self) -> None:
+        """Refuse inequalities whose units do not fit, unless they are `empirical`."""
+        if are_not_checked(self.empirical, f"region '{self.name}'"):
+            return
+        units = Units(f"region '{self.name}'", self.reads + self.parameters)
+        for c in self.inequalities:
+            wanted = kind_of_unit(c.unit)
+            units.check(c.expression, f"inequality '{c.name}'", wanted, "its unit")
 
     def check_states(self, system: str, states: Sequence[str]) -> None:
         """Refuse it where it reads what is no state of a system of that name."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import sympy as sp
 
-from holdfast.arguments import Written, checked
+from holdfast.arguments import Written, checked, written_by_user
 from holdfast.errors import DefinitionError, check_name
 from holdfast.maths.definitions.law import GainCondition, Law, Lookup
 from holdfast.maths.definitions.quantity import (
@@ -25,6 +25,7 @@ from holdfast.maths.definitions.quantity import (
     frozen,
     merge_parameters,
 )
+from holdfast.maths.definitions.units import Units, are_not_checked
 from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
 from holdfast.maths.expressions.parser import expression_of
 
@@ -128,7 +129,8 @@ class Switching(Printed):
     modes: name -> its law. transitions: each a `Transition`. initial: the name of the first mode.
     signals: named expressions that are recorded in every mode. extra_parameters: what transitions
     and signals use besides those of the laws. memory: the discrete-time state of the controller;
-    every mode may read it.
+    every mode may read it. empirical: why units do not count in its guards, signals and memory;
+    without it they are checked where a user makes the switching.
 
     Raises `DefinitionError` without modes, for modes with different outputs, and for a transition
     from or to no mode.
@@ -149,6 +151,7 @@ class Switching(Printed):
     memory: Memory | None = None
     description: str = ""
     source: str = ""
+    empirical: str = field(default="", kw_only=True, compare=False)
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         turns = [f"{t.source} -> {t.target} as soon as {short_text(t.when)} >= 0"
@@ -186,6 +189,29 @@ class Switching(Printed):
         )
         allowed += self.lookup.symbols if self.lookup else ()  # not for guards
         check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
+        if written_by_user():
+            self.check_units()
+
+    def check_units(self) -> None:
+        """Refuse guards, signals and a memory whose units do not fit, unless they are `empirical`.
+
+        The laws of its modes are checked by themselves.
+        """
+        if are_not_checked(self.empirical, f"switching '{self.name}'"):
+            return
+        owner = f"switching '{self.name}'"
+        units = Units(owner, self.reads + self.handed + self.parameters)
+        for t in self.transitions:
+            units.check_level(t.when, f"guard {t.source} -> {t.target}")
+        for name, e in self.signals.items():
+            units.of(e, f"signal '{name}'")
+        if (memory := self.memory) is not None:
+            held = memory.quantities + memory.reads + memory.inputs + memory.parameters
+            units = Units(f"the memory of {owner}", held)
+            for q in memory.quantities:
+                for when, of in (("first", memory.initial), ("following", memory.following)):
+                    what = f"{when} value of '{q.name}'"
+                    units.check(of[q.name], what, units.kinds[q.symbol], "its unit")
 
     @property
     def output_names(self) -> tuple[str, ...]:

@@ -10,14 +10,14 @@ import math
 import random
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
 import sympy as sp
 from sympy.integrals.quadrature import gauss_legendre
 
-from holdfast.arguments import Written, checked
+from holdfast.arguments import Written, checked, written_by_user
 from holdfast.errors import DefinitionError, RenamedWarning
 from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product, section
 from holdfast.maths.definitions.law import Law
@@ -25,14 +25,18 @@ from holdfast.maths.definitions.quantity import (
     TIME,
     Parameter,
     Quantity,
+    alike,
     check_symbols,
     check_unique,
+    dimension,
     frozen,
+    has_unit,
     merge_parameters,
     numbers_text,
     symbol,
 )
 from holdfast.maths.definitions.switching import Switching, Transition
+from holdfast.maths.definitions.units import Units, are_not_checked, kind_of_unit, of_another_unit
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.parser import expression_of
 from holdfast.maths.expressions.traversal import derivatives
@@ -235,10 +239,11 @@ class System(Printed):
     bounds in a Hamiltonian without a closed form (0: such a Hamiltonian is refused). measurements:
     output equations, which a law may read in place of the states. promoted: of a reduced model, the
     states of the whole one that are its inputs or disturbances (`promote`). flat_output: from which
-    chained coordinates follow, where no pair of states is one.
+    chained coordinates follow, where no pair of states is one. empirical: why units do not count in
+    it, such as "a fit to data"; without it they are checked where a user makes the system.
 
-    Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, or the rates
-    leave a Pfaffian constraint.
+    Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, the rates leave a
+    Pfaffian constraint, or units do not fit.
 
     >>> slider = hf.System(
     ...     "slider",
@@ -268,6 +273,7 @@ class System(Printed):
     measurements: tuple[Measurement, ...] = ()
     promoted: tuple[str, ...] = ()
     flat_output: FlatOutput | None = None
+    empirical: str = field(default="", kw_only=True, compare=False)
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         counts = [
@@ -338,6 +344,30 @@ class System(Printed):
                 check_symbols({f"'{a.name}'": a.slope}, seen, owner)
         for number, row in enumerate(self.pfaffian, start=1):
             self._check_row(number, row, symbols, owner)
+        if written_by_user():
+            self.check_units()
+
+    def check_units(self) -> None:
+        """Refuse expressions whose units do not fit, unless they are `empirical`."""
+        if are_not_checked(self.empirical, f"system '{self.name}'"):
+            return
+        quantities = self.states + self.inputs + self.disturbances + self.parameters
+        units = Units(f"system '{self.name}'", quantities)
+        for q in self.states:
+            wanted = units.per_second(units.kinds[q.symbol])
+            units.check(
+                self.rates[q.name], f"the rate of '{q.name}'", wanted, "the unit of it per second"
+            )
+        units.check_set(self.input_bounds, self.inputs, "the input bounds")
+        units.check_set(self.disturbance_bounds, self.disturbances, "the disturbance bounds")
+        for m in self.measurements:
+            units.check(m.expression, f"'{m.name}'", kind_of_unit(m.unit), "its unit")
+        for number, row in enumerate(self.pfaffian, start=1):
+            entries = {symbol(n): c for n, c in row.coefficients.items()}
+            units.check_row(entries, row.rhs, f"Pfaffian row {number}")
+        if self.flat_output is not None:
+            for e in (self.flat_output.first, *self.flat_output.last):
+                units.of(e, "the flat output")
 
     def _check_row(
         self, number: int, row: PfaffianRow, symbols: list[sp.Symbol], owner: str
@@ -469,6 +499,41 @@ def check_outputs(system: System, law: Law | Switching) -> None:
             if set(outputs) <= set(system.state_names)
             else "",
         )
+    check_output_units(system, law)
+
+
+def check_output_units(system: System, law: Law | Switching) -> None:
+    """Refuse a law whose outputs, or what it reads, have other units than in the system.
+
+    Those of a law whose units were checked; its outputs are inputs, or velocities to track.
+    """
+    moving = {q.name: q for q in (*system.states, *system.inputs, *system.disturbances)}
+    for mode in law.modes.values() if isinstance(law, Switching) else (law,):
+        if mode.units is None or system.empirical:
+            continue
+        said = [(q.name, dimension(q.unit), "reads it") for q in mode.reads if has_unit(q)]
+        said += [
+            (n, unit, f"gives '{short_text(mode.outputs[n])}'") for n, unit in mode.units.items()
+        ]
+        for name, unit, does in said:
+            q = moving.get(name)
+            if q is not None and has_unit(q) and not alike(unit, dimension(q.unit)):
+                does = f"'{name}' of law '{mode.name}': the law {does}"
+                raise of_another_unit(does, unit, q, f"system '{system.name}'")
+
+
+def check_disturbance_units(
+    system: System, disturbance: Mapping[str, sp.Expr], more: Sequence[Quantity] = ()
+) -> None:
+    """Refuse a disturbance in another unit than its own; `more` may stand in it too."""
+    if system.empirical or not disturbance:
+        return
+    groups = (*more, *system.parameters, *system.states, *system.disturbances)
+    by_name = {q.name: q for q in groups}
+    units = Units(f"system '{system.name}'", by_name.values())
+    for name, e in disturbance.items():
+        if name in system.disturbance_names:
+            units.check(e, f"the disturbance '{name}'", units.kinds[symbol(name)], "its unit")
 
 
 def check_rates(law: str, system: System, wanted: Callable[..., System], *arguments: Any) -> None:

@@ -29,6 +29,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.control.gain_conditions import MOST, held_gain
+from holdfast.maths.definitions.extension import per_second
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import (
     DELAY,
@@ -41,6 +42,7 @@ from holdfast.maths.definitions.quantity import (
 )
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.units import Units, unit_text
 from holdfast.maths.expressions.functions import greatest, least, magnitude, sgn
 
 
@@ -260,6 +262,7 @@ def steer_in_chained_coordinates(
     true = eigenvalues(closed_loop_matrix(sp.Rational(k1), list(map(sp.Rational, chosen))))
     decay = polynomial(true)
     fastest = sp.Float(max(abs(z) for z in true))
+    unit = unit_text(Units(f"law '{name}'", (*reads, *parameters)).of(z[0], "z1"))
     fast, least_size, tiny = (symbol(s) for s in ("escape_speed", "threshold", "stop"))
 
     def law(mode: str, v1: sp.Expr, v2: sp.Expr) -> Law:
@@ -278,12 +281,16 @@ def steer_in_chained_coordinates(
                     for j, (s, g) in enumerate(zip(e, decay, strict=True), start=1)
                     if escape == "steer"
                 ),
-                Parameter("threshold", "1", "least |z1| to start from", value=threshold, above=0),
+                Parameter("threshold", unit, "least |z1| to start from", value=threshold, above=0),
                 Parameter(
-                    "escape_speed", "1/s", "v1 while escaping", value=escape_speed, above=0.0
+                    "escape_speed",
+                    per_second(unit),
+                    "v1 while escaping",
+                    value=escape_speed,
+                    above=0.0,
                 ),
                 Parameter("escape_time", "s", "time of escaping", value=escape_time, above=0.0),
-                Parameter("stop", "1", "|z1| that counts as arrived", value=stop, above=0.0),
+                Parameter("stop", unit, "|z1| that counts as arrived", value=stop, above=0.0),
                 Parameter("slowest", "1/s", "slowest decay of M", value=-true[0].real, above=0.0),
                 *parameters,
             ),

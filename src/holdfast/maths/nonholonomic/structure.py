@@ -26,9 +26,11 @@ from itertools import combinations, pairwise
 
 import sympy as sp
 
+from holdfast.arguments import checked, written_by_user
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, Quantity, given_number, symbol
 from holdfast.maths.definitions.system import FlatOutput, PfaffianRow, System
+from holdfast.maths.definitions.units import Free, Units, power, product, unit_text
 from holdfast.maths.expressions.functions import (
     angle,
     greatest,
@@ -43,6 +45,7 @@ from holdfast.maths.expressions.random_points import Sampler, value_at
 from holdfast.maths.reference_fields.dipole import UNSEEN, dipolar_field
 
 
+@checked
 def kinematic_system(
     name: str,
     states: tuple[Quantity, ...],
@@ -50,12 +53,13 @@ def kinematic_system(
     parameters: tuple[Parameter, ...] = (),
     description: str = "",
     source: str = "",
+    empirical: str = "",
 ) -> System:
     """The system q' = sum_i g_i(q) w_i of all motions that A(q) q' = 0 allows.
 
     For use when only the constraint is known. Inputs w1, w2, ...: along the leaf first, then one
-    for each transverse state. Raises `DefinitionError` for rows with b != 0 or rows that are
-    dependent at the origin.
+    for each transverse state. Raises `DefinitionError` for rows with b != 0, rows that are
+    dependent at the origin, and units that do not fit, unless it says why (`empirical`).
     """
     if any(row.rhs != 0 for row in rows):
         raise DefinitionError(
@@ -73,9 +77,19 @@ def kinematic_system(
     matrix = sp.Matrix([[row.coefficients.get(n, sp.S.Zero) for n in names] for row in rows])
     leaf = tuple(q for j, q in enumerate(states) if any(e != 0 for e in matrix.col(j)))
     directions = kernel(name, states, matrix, leaf, parameters)
-    inputs = tuple(Quantity(f"w{i}", "1/s", f"motion {i}") for i in range(1, len(directions) + 1))
+    units = Units(f"system '{name}'", (*states, *parameters))
+    counted = written_by_user() and not empirical
+    if counted:
+        for number, row in enumerate(rows, start=1):
+            entries = {symbol(n): c for n, c in row.coefficients.items()}
+            units.check_row(entries, row.rhs, f"Pfaffian row {number}")
+    inputs = tuple(
+        Quantity(f"w{i}", _unit_of_motion(units, states, g) if counted else "1/s", f"motion {i}")
+        for i, g in enumerate(directions, start=1)
+    )
     return System(
         name=name,
+        empirical=empirical,
         states=states,
         inputs=inputs,
         rates={
@@ -87,6 +101,17 @@ def kinematic_system(
         description=description,
         source=source,
     )
+
+
+def _unit_of_motion(units: Units, states: tuple[Quantity, ...], g: sp.Matrix) -> str:
+    """The unit of w in q' = g(q) w."""
+    for q, along in zip(states, g, strict=True):
+        if along != 0:
+            inverse = power(units.of(along, "a motion"), -1.0)
+            kind = product(units.per_second(units.kinds[q.symbol]), inverse)
+            if not isinstance(kind, Free):
+                return unit_text(kind)
+    return "1/s"
 
 
 def signed_minors(matrix: sp.Matrix) -> sp.Matrix:

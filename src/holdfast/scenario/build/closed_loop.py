@@ -28,10 +28,17 @@ from holdfast.maths.control.safety_filter import limit_rates, over_time, safegua
 from holdfast.maths.control.unmodelled import PREFIX, cancel_unmodelled
 from holdfast.maths.control.velocity_tracking import commanded, track_velocity
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import Parameter, check_unit, to_si
+from holdfast.maths.definitions.quantity import (
+    UNWRITTEN,
+    Parameter,
+    check_unit,
+    split,
+    to_si,
+    warn_of_turns,
+)
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.definitions.system import System, by_measurements
+from holdfast.maths.definitions.system import System, by_measurements, check_output_units
 from holdfast.maths.expressions.parser import parse_condition, parse_number
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.schema.closed_loop import (
@@ -147,7 +154,9 @@ def in_view(law: Law | Switching, region: Region | None) -> Law | Switching:
 def _own(
     composer: Composer, spec: ScenarioSpec, system: System, region: Region | None
 ) -> Law | Switching:
-    return by_measurements(system, in_view(composer.law(spec.law), region))
+    law = composer.law(spec.law)
+    check_output_units(system, law)
+    return by_measurements(system, in_view(law, region))
 
 
 def _external(
@@ -317,7 +326,8 @@ def drawn_names(composer: Composer, system: System, spec: VariedSpec) -> dict[st
                     f"'{name}' is a state, an input or a disturbance", expected="a parameter"
                 )
             check_unit(draw.unit or "1")
-            parameters[name] = Parameter(name, draw.unit or "1", "drawn for every run", value=0.0)
+            unit = draw.unit or UNWRITTEN
+            parameters[name] = Parameter(name, unit, "drawn for every run", value=0.0)
     return parameters
 
 
@@ -347,8 +357,31 @@ def in_si(file: str, key: str, value: object, units: Mapping[str, str], name: st
         return to_si(value, units[name])
 
 
+def _warn_of_degrees(table: StartsSpec, units: Mapping[str, str], file: str) -> None:
+    """Warn of starts of angles without a unit that are more than a turn."""
+    states, box = (getattr(table, name) for name in ("states", "box"))
+    written = [
+        (f"states.{k}.{n}", n, v) for k, state in enumerate(states) for n, v in state.items()
+    ]
+    written += [(f"box.{n}", n, end) for n, ends in box.items() for end in ends]
+    written += [("every", n, end) for n in units if n not in box for end in table.every or ()]
+    furthest: dict[str, tuple[float, str]] = {}
+    for key, name, value in written:
+        parts = split(value) if isinstance(value, str) else (float(value), "")
+        if units.get(name) == "rad" and parts is not None and not parts[1]:
+            furthest[name] = max(furthest.get(name, (0.0, "")), (parts[0], key), key=_size)
+    for name, (number, key) in furthest.items():
+        what = f"{file}: starts.{key}: '{name}' without a unit"
+        warn_of_turns(what, number, f'"{number:g} deg"')
+
+
+def _size(entry: tuple[float, str]) -> float:
+    return abs(entry[0])
+
+
 def starts_of(table: StartsSpec, units: Mapping[str, str], file: str) -> Starts:
     """[starts]; `every` is the interval of the states that its box leaves out."""
+    _warn_of_degrees(table, units, file)
     arguments = table.read(file, "starts", {"states": units})
     box = arguments.setdefault("box", {})
     if table.every is not None:

@@ -16,8 +16,8 @@ from typing import Any, TypeVar
 
 import sympy as sp
 
-from holdfast.arguments import by_present_names
-from holdfast.errors import DefinitionError, ScenarioError, suggestion
+from holdfast.arguments import by_present_names, for_user
+from holdfast.errors import DefinitionError, ExpressionError, ScenarioError, suggestion
 from holdfast.maths.catalogue import laws, regions, systems
 from holdfast.maths.catalogue.signature import (
     accepted_parameters,
@@ -48,6 +48,8 @@ from holdfast.maths.definitions.quantity import (
     Quantity,
     check_unit,
     in_base_units,
+    is_unit,
+    split,
     symbol,
     to_si,
 )
@@ -207,6 +209,17 @@ def composed_shape(
 Names = dict[str, sp.Expr]
 
 
+def _end(written: str | float, unit: str, names: Names) -> sp.Expr:
+    """An end of an interval: a number, one with a unit such as "2 m/s", or an expression."""
+    try:
+        return parse_formula(written, names)
+    except ExpressionError:
+        parts = split(written) if isinstance(written, str) else None
+        if parts is None or not is_unit(parts[1]):
+            raise
+    return sp.Float(to_si(written, unit))
+
+
 @dataclass
 class Composer:
     """The names declared so far while one file is read."""
@@ -331,21 +344,26 @@ class Composer:
         said = {"name": spec.name, **spec.read(self.file, "system", names=names)}
         rates = said.pop("rates", {})
         if rows and not rates and not inputs:
-            moved = kinematic_system(states=states, rows=tuple(rows), parameters=parameters, **said)
+            with for_user():
+                moved = kinematic_system(
+                    states=states, rows=tuple(rows), parameters=parameters, **said
+                )
             return replace(moved, flat_output=flat)
-        return System(
-            states=states,
-            inputs=inputs,
-            disturbances=disturbances,
-            rates=rates,
-            parameters=parameters,
-            input_bounds=self._box(spec.inputs, values, "system.inputs"),
-            disturbance_bounds=self._box(spec.disturbances, values, "system.disturbances"),
-            pfaffian=tuple(rows),
-            flat_output=flat,
-            measurements=self._each(Measurement, spec.measurements, "system.measurements", names),
-            **said,
-        )
+        measured = self._each(Measurement, spec.measurements, "system.measurements", names)
+        with for_user():
+            return System(
+                states=states,
+                inputs=inputs,
+                disturbances=disturbances,
+                rates=rates,
+                parameters=parameters,
+                input_bounds=self._box(spec.inputs, values, "system.inputs"),
+                disturbance_bounds=self._box(spec.disturbances, values, "system.disturbances"),
+                pfaffian=tuple(rows),
+                flat_output=flat,
+                measurements=measured,
+                **said,
+            )
 
     def _box(self, table: Mapping[str, BoundedSpec], names: Names, key: str) -> Box | None:
         if not any(spec.bounds for spec in table.values()):
@@ -357,7 +375,8 @@ class Composer:
                 high.append(sp.oo)
                 continue
             with at(self.file, f"{key}.{name}.bounds"):
-                lower, upper = (parse_formula(end, names) for end in spec.bounds)
+                unit = getattr(spec, "unit", "")
+                lower, upper = (_end(end, unit, names) for end in spec.bounds)
                 Box((lower,), (upper,))  # refuses an interval that is empty
                 low.append(lower)
                 high.append(upper)
@@ -390,12 +409,14 @@ class Composer:
         initial, outputs = said.pop("initial", ""), said.pop("outputs", None)
         if (spec.outputs is None) == (spec.modes is None):
             raise ScenarioError(f"{self.file}: law: give either outputs or modes")
-        with at(self.file, "law"):
+        with at(self.file, "law"), for_user():
             parameters = tuple(self.known.values())
             if outputs is not None:
                 return Law(reads=reads, parameters=parameters, outputs=outputs, **said)
             modes = {
-                mode: self.outputs_law(mode, written, f"law.modes.{mode}", names, reads)
+                mode: self.outputs_law(
+                    mode, written, f"law.modes.{mode}", names, reads, said.get("empirical", "")
+                )
                 for mode, written in (spec.modes or {}).items()
             }
             transitions = []
@@ -432,15 +453,19 @@ class Composer:
         key: str,
         names: Names,
         reads: tuple[Quantity, ...] | None = None,
+        empirical: str = "",
     ) -> Law:
         """A law given only by outputs and definitions."""
         names = self._with_definitions(spec.definitions, names, key)
-        return Law(
-            name=name,
-            reads=self.states if reads is None else reads,
-            outputs=self._parsed(spec.outputs, names, f"{key}.outputs"),
-            parameters=tuple(self.known.values()),
-        )
+        outputs = self._parsed(spec.outputs, names, f"{key}.outputs")
+        with for_user():
+            return Law(
+                name=name,
+                reads=self.states if reads is None else reads,
+                outputs=outputs,
+                parameters=tuple(self.known.values()),
+                empirical=empirical,
+            )
 
     def region(self, table: Mapping[str, Any], key: str) -> Region:
         """[region] or [goal], with the limits of inputs that are states."""
@@ -467,7 +492,7 @@ class Composer:
             composed_shape(self.file, f"{key}.scene.{i}", shape, names, self.known)
             for i, shape in enumerate(spec.scene)
         )
-        with at(self.file, key):
+        with at(self.file, key), for_user():
             return Region(
                 spec.name,
                 reads=self.states,

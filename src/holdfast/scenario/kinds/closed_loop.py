@@ -20,7 +20,7 @@ from holdfast.analysis.safety.equilibria import SEARCHES, RestingState, Search
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.analysis.simulation.starts import Starts
-from holdfast.arguments import Seconds
+from holdfast.arguments import Seconds, checked
 from holdfast.errors import DefinitionError, ScenarioError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
@@ -29,7 +29,7 @@ from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.system import System, check_disturbance_units
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.parser import parse_expression, parse_formula, parse_number
 from holdfast.scenario.build.closed_loop import (
@@ -141,6 +141,7 @@ class Scenario(Composed):
             )
         return replace(self, law=law, safety=None)
 
+    @checked
     def run(self, progress: Progress | None = None, part: range | None = None) -> Result:
         """Simulate every start of the scenario; the kernel of [safety] is computed before.
 
@@ -368,6 +369,9 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
             spec.varied.of_vertices,
         )
     units = {q.name: q.unit for q in plant.states}
+    disturbance = expressions(spec.disturbance, "disturbance", parse_expression, names | of_state)
+    with at(file, "disturbance"):
+        check_disturbance_units(plant, disturbance, tuple(composer.known.values()))
     return Scenario(
         **about(file, text, spec.scenario),
         system=plant,
@@ -377,9 +381,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         goal=goal,
         starts=starts_of(spec.starts, units, file),
         settings=settings_of(spec, units, file),
-        disturbance=expressions(
-            spec.disturbance, "disturbance", parse_expression, names | of_state
-        ),
+        disturbance=disturbance,
         plant={
             key: in_si(file, f"plant.{key}", value, {p.name: p.unit for p in plant.parameters}, key)
             for key, value in spec.plant.items()

@@ -37,6 +37,7 @@ def follow_field(
     pieces = alignment(constraint)
     if isinstance(pieces, str):
         raise DefinitionError(f"no field-following law for system '{system.name}': {pieces}")
+    unit = constraint.leaf[0].unit
     return Law(
         name="follow_field",
         reads=constraint.coordinates,
@@ -45,7 +46,7 @@ def follow_field(
             Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
             Parameter("k", "1/s", "decay rate of the misalignment", value=k, above=0),
             Parameter("lam", "1", "exponent lambda of the dipolar field", value=lam, above=1),
-            Parameter("freeze", "1", "distance of the final turn", value=freeze, above=0),
+            Parameter("freeze", unit, "distance of the final turn", value=freeze, above=0),
             *system.parameters,
         ),
         description="follow the dipolar field, by the law derived from the constraint alone",

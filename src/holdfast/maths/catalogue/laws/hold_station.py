@@ -118,6 +118,9 @@ def _least_radius(gain: float, lam: float) -> float:
     return math.exp(high)
 
 
+METRES = "the field of the thesis has exp(-|r|^2) of a distance in metres"
+"""Why units of the law that follows it are not checked."""
+
 APPROACH, PUSH, TURN = "approach", "push", "turn"
 
 ALIGNED = math.acos(0.8)
@@ -259,7 +262,15 @@ def hold_station(
         outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}
         believed = {q.name: v for q, v in zip(vehicle.current, current, strict=True)}
         reads = (*vehicle.reads, *sensed)
-        return Law(mode, reads, outputs, parameters, conditions=conditions, believed=believed)
+        return Law(
+            mode,
+            reads,
+            outputs,
+            parameters,
+            conditions=conditions,
+            believed=believed,
+            empirical=METRES if mode == APPROACH else "",
+        )
 
     upstream = angle(p[1], p[0], UNSEEN)
     outward = x * vx + y * vy  # r . v
@@ -380,7 +391,14 @@ def hold_station_unknown(
 
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
         outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}
-        return Law(mode, vehicle.reads, outputs, parameters, conditions=conditions)
+        return Law(
+            mode,
+            vehicle.reads,
+            outputs,
+            parameters,
+            conditions=conditions,
+            empirical=METRES if mode == APPROACH else "",
+        )
 
     hold = k["k3"] * s["current_bound"]
     inside, outside = s["r0"] - rho, rho - s["r1"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from holdfast.arguments import checked
-from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.definitions.quantity import UNWRITTEN, Parameter, symbol
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import magnitude, wrap
@@ -27,7 +27,7 @@ def near_origin(
     inequalities, used = [], {}
     for q in system.states:
         name, meaning = TOLERANCES.get(q.unit, OTHER)
-        unit = q.unit if q.unit in TOLERANCES else "1"
+        unit = q.unit if q.unit in TOLERANCES else UNWRITTEN  # it stands for several
         used[name] = Parameter(name, unit, meaning, value=values[name], above=0.0)
         size = magnitude(wrap(q.symbol)) if q.angle else magnitude(q.symbol)
         inequalities.append(
