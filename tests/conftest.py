@@ -5,6 +5,7 @@ import os
 import signal
 
 os.environ.setdefault("SYMPY_CACHE_SIZE", "50000")  # many systems in one process
+os.environ.setdefault("MPLBACKEND", "Agg")
 
 
 import numpy as np
