@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 
 os.environ.setdefault("SYMPY_CACHE_SIZE", "50000")  # many systems in one process
+os.environ.setdefault("MPLBACKEND", "Agg")
 
 
 import numpy as np

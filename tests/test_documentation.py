@@ -171,7 +171,7 @@ FEWER = {
 }
 DRAWN = "inspection"
 """The scenario whose figures are drawn here: other tests draw those of every kind."""
-NOT_HERE = ("python -m pip ", "python -m pytest", "python benchmarks/", "dask ")
+NOT_HERE = ("python -m pip ", "python -m pytest", "python benchmarks/", "python examples/", "dask ")
 """Lines of a shell that the checks themselves run, or that have tests of their own below."""
 
 ELSEWHERE = ("--device gpu", "--on-disk /scratch")

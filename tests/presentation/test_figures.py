@@ -1,5 +1,9 @@
 """Figures say what they show: units, legends, and every shape of the scene."""
 
+import os
+import subprocess
+import sys
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -218,3 +222,44 @@ def test_names_are_set_as_mathematics():
     assert style.label("psi") == r"$\psi$"
     assert style.label("tau_u") == r"$\tau_{\mathrm{u}}$"
     assert style.label("distance") == "distance"
+
+
+INLINE = """
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg as FigureCanvas
+
+matplotlib.interactive(True)  # as the backend of notebooks does
+"""
+FIGURE = """
+import matplotlib, matplotlib.pyplot as plt
+from holdfast.presentation.figures.style import look
+
+with look():
+    plt.subplots()
+print(matplotlib.get_backend(), plt.isinteractive(), plt.get_fignums())
+"""
+COMMAND = """
+import os, sys
+from holdfast.__main__ import main
+
+sys.argv = ["holdfast", "--version"]
+try:
+    main()
+finally:
+    print(os.environ["MPLBACKEND"])
+"""
+
+
+def test_figures_are_shown_by_the_backend_of_the_user_and_a_command_opens_no_window(tmp_path):
+    """In a notebook figures appear; a command, whatever the user's backend, only writes files."""
+    (tmp_path / "inline.py").write_text(INLINE)
+    paths = [str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]
+    backend = {"MPLBACKEND": "module://inline", "PYTHONPATH": os.pathsep.join(paths)}
+    shown, written = (
+        subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | backend, capture_output=True, text=True
+        )
+        for code in (FIGURE, COMMAND)
+    )
+    assert shown.stdout.split() == ["module://inline", "True", "[1]"], shown.stderr
+    assert written.stdout.splitlines()[-1] == "Agg", written.stderr

@@ -181,6 +181,45 @@ def test_time_of_a_kernel_runs_out_by_name():
 # -- what a decision says
 
 
+def test_decision_names_the_constraint_that_changed_the_command_beside_the_first_ahead():
+    """The wall is near; the command, held, would have met the pillar first, which it may still."""
+    x, y, u, w = (hf.symbol(n) for n in ("x", "y", "u", "w"))
+    cart = hf.System(
+        "cart", (hf.Quantity("x", "m"), hf.Quantity("y", "m")),
+        (hf.Quantity("u", "m/s"), hf.Quantity("w", "m/s")), {"x": u, "y": w},
+        input_bounds=hf.Box((-10, -10), (10, 10)),
+    )  # fmt: skip
+    room = hf.Region(
+        "room", cart.states,
+        (hf.Inequality("wall", x - 1, "m"), hf.Inequality("pillar", y**2 - 4, "m^2")),
+    )  # fmt: skip
+    keep = hf.SafetyFilter(cart, room, gains=(1.0, 4.0))
+    decision = keep.step([0.5, 0.2], [0.6, 9.0])  # u <= 1 - x; 2 y w <= 4 - y^2
+    assert decision.input == pytest.approx([0.5, 9.0])
+    assert decision.why == (
+        "changed u from 0.6 to 0.5 m/s: 'wall' is 0.5 m away; with the command held 'pillar' "
+        "would have been violated in 0.2 s"
+    )
+    assert keep.step([0.5, 0.2], [0.6, 0.0]).why.endswith(
+        "'wall' is 0.5 m away; with the command held it would have been violated in 0.83 s"
+    )
+
+
+def test_subsystem_is_no_reduced_model_of_the_whole():
+    """What it leaves out does not act on it: a filter of it stands in the loop of the whole."""
+    v, u = hf.symbol("v"), hf.symbol("u")
+    whole = hf.System(
+        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("u", "m/s^2"),),
+        {"x": v, "v": u}, input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    alone = hf.subsystem(whole, ("v",))
+    slow = hf.Region("slow", alone.states, (hf.Inequality("speed", v**2 - 1, "m^2/s^2"),))
+    assert hf.SafetyFilter(alone, slow, around=whole).step([0.0], [0.5]).input == [0.5]
+    late = hf.lagged(whole, {"u": 0.1})
+    with pytest.warns(hf.ModelWarning, match="which leaves out how"):
+        hf.SafetyFilter(alone, slow, around=late)
+
+
 def test_decision_names_the_constraint_its_distance_and_what_would_have_followed(braking):
     decision = braking.step([0.9, 0.15], [1.0])
     assert decision.status is hf.Status.CHANGED

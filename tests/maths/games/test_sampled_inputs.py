@@ -152,7 +152,7 @@ def test_what_jumps_is_not_taken_for_affine():
 
 def test_samples_that_cannot_be_used_are_refused():
     boat = system((sp.cos(H), sp.sin(H)), ("h",), TURN)
-    with pytest.raises(DefinitionError, match=r"in place of it, for example samples=9"):
+    with pytest.raises(DefinitionError, match=r"for example samples=9 \(of a kernel; for a filter"):
         hf.hamiltonian(boat)
     for bad in (1, -3, True, 2.5, "9", math.nan):
         with pytest.raises(DefinitionError, match=r"samples: .*; expected a whole number of at"):

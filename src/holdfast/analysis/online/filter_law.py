@@ -43,6 +43,7 @@ from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import symbols_of
 
 if TYPE_CHECKING:
     from holdfast.analysis.decomposition.parts_value import PartsValue
@@ -269,7 +270,10 @@ def warn_of_reduction(system: System, around: System | None) -> None:
                 f"system '{system.name}' has the state '{unknown[0]}', and '{around.name}' has "
                 "none of that name"
             )
-        missing = tuple(n for n in around.state_names if n not in system.state_names)
+        moving = symbols_of([around.rates[n] for n in system.state_names])
+        others = [q for q in around.states if q.name not in system.state_names]
+        act = any(q.symbol in moving for q in others)  # or it is a subsystem, and exact
+        missing = tuple(q.name for q in others if act)
         whole, remedy = f"'{around.name}'", "compute a kernel of it, or keep a region"
     if missing:
         warnings.warn(
@@ -421,7 +425,7 @@ class Reasons:
         return "changed " + " and ".join(shown) if shown else "kept the command"
 
     def _cause(self, decision: Decision) -> str:
-        """What is near, and what would have followed."""
+        """The inequality whose condition changed the command, and what would have followed."""
         left, by = self._exit(decision)
         worst = self._worst(decision)
         table = self.made.table
@@ -436,8 +440,11 @@ class Reasons:
             return f"the {worst} would be beyond its limit"
         if not self.whole:
             return f"'{worst}' is near, by what the observer estimates"
-        name = names[by] if by >= 0 else worst
-        return self._distance(decision, name) + self._would_be(left, "it would have been violated")
+        first = names[by] if by >= 0 else worst
+        name = first if first in self._missed(decision, decision.nominal) else worst
+        which = "it" if first == name else f"'{first}'"
+        near = self._distance(decision, name)
+        return near + self._would_be(left, f"{which} would have been violated")
 
     @property
     def _margin(self) -> float:
@@ -457,11 +464,15 @@ class Reasons:
 
     def gave_way(self, decision: Decision) -> tuple[str, ...]:
         """The inequalities whose conditions the input does not meet; "value" is the kernel's."""
-        short = self._short(decision, decision.input) > 1e-7
-        gave = [n for n, s in zip(self._names, short, strict=True) if s]
+        gave = self._missed(decision, decision.input)
         if self._ahead and self._lacks(decision, decision.input, 1) > 0:
             gave.insert(0 if self._ahead[4] else len(gave), "value")
         return tuple(dict.fromkeys(gave))
+
+    def _missed(self, decision: Decision, inputs: Array) -> list[str]:
+        """The inequalities whose conditions an input does not meet."""
+        short = self._short(decision, inputs) > 1e-7
+        return [n for n, s in zip(self._names, short, strict=True) if s]
 
     def _lacks(self, decision: Decision, inputs: Array, level: int) -> float:
         """What the value a sample after an input lacks of its level (0), or of its floor (1)."""

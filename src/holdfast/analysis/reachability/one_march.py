@@ -313,7 +313,8 @@ def _check_growth(largest: float, highest: float, cell: float, time: float) -> N
         raise SimulationError(
             f"by {time:g} s the value has grown to {largest:g}, above the largest margin "
             f"{highest:g}: the march is unstable, or takes in information from outside the grid",
-            remedy="widen the grid, or take a lower order or a smaller cfl",
+            remedy="let what is to be reached end within the grid, or widen the grid; or take a "
+            "lower order or a smaller cfl",
         )
 
 

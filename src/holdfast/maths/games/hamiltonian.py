@@ -426,7 +426,9 @@ class Player:
                         f"the rate of '{name}' is not affine in '{symbol}': its derivative by it "
                         f"depends on '{min(map(str, blocking))}'",
                         expected="rates affine in every input and disturbance, for a closed form",
-                        remedy="or take points of their sets in place of it, for example samples=9",
+                        remedy="or take points of their sets in place of it, for example samples=9 "
+                        "(of a kernel; for a filter take another input, such as the tangent of a "
+                        "steering angle)",
                     )
         return rates.jacobian(symbols) if symbols else sp.zeros(len(rates), 0)
 

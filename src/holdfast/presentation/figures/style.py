@@ -22,9 +22,6 @@ from holdfast.host.files import atomic_file
 from holdfast.maths.definitions.region import Circle, Segment, Shape
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
 
-matplotlib.use("Agg")
-
-
 # Okabe-Ito, distinguishable by colour-blind readers
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (
     "#0072B2",
@@ -97,7 +94,11 @@ def dashed(pattern: Sequence[float]) -> Any:
 
 @contextmanager
 def look() -> Iterator[None]:
-    """Context manager: the settings of every figure while it is drawn."""
+    """Context manager: the settings of every figure while it is drawn.
+
+    The backend is loaded before: the settings that it makes, in a notebook, stay as they are.
+    """
+    plt.draw_if_interactive()  # type: ignore[no-untyped-call]
     with matplotlib.rc_context(_SETTINGS):
         yield
 
