@@ -47,7 +47,6 @@ from holdfast.maths.expressions.traversal import symbols_in
 if TYPE_CHECKING:
     from holdfast.maths.definitions.quantity import Quantity
 
-
 NO_CONSTRAINT = -1
 
 
@@ -440,9 +439,7 @@ def simulate(
     the region. command: your own controller, where the law is handed its command (`commanded`,
     `SafetyFilter.law`): called at every sample with t and the measured states, shape (runs,
     states), it returns shape (runs, inputs); or an object with the methods of `Commander`.
-    attributes: kept with the result. settings: those of `Settings` (sample_time, substeps,
-    record_every, continuous, tolerance, until_goal, noise_uniform, noise_normal, seed, threads,
-    absolute, relative).
+    attributes: kept with the result. settings: those of `Settings`, such as sample_time.
 
     Warns with `GainWarning` when the gains violate a condition of the law, and with `AngleWarning`
     where an angle [rad] starts at more than a turn. Raises `DefinitionError` for a law that does
