@@ -84,11 +84,11 @@ def test_a_dubins_car_arrives_in_the_least_time(basin):
     assert 100 * basin.grid.axes[0].step == pytest.approx(13, abs=0.5)
     car = dubins()
     starts = starts_of(basin, [-3, -3, -np.pi], [3, 3, np.pi], 300)
-    late = arrivals(car, hf.safety_law(car, basin), starts) - basin.least_time(starts)
+    late = arrivals(car, hf.least_time_law(car, basin), starts) - basin.least_time(starts)
     assert np.isfinite(late).all()
     assert np.count_nonzero(late <= 0.1) >= 295
     assert abs(np.median(late)) <= 0.02
-    by_value = arrivals(car, hf.safety_law(car, basin, ahead=False), starts[:100])
+    by_value = arrivals(car, hf.safety_law(car, basin), starts[:100])
     assert np.count_nonzero(np.isfinite(by_value)) < 50
 
 
@@ -102,7 +102,7 @@ def test_the_least_times_are_those_of_dubins_paths(basin):
     assert len(error) > 100
     assert np.quantile(error, 0.95) < 0.06
     car = dubins()
-    late = arrivals(car, hf.safety_law(car, basin), starts[far]) - exact
+    late = arrivals(car, hf.least_time_law(car, basin), starts[far]) - exact
     assert np.quantile(late, 0.95) < 0.1, "an own measure of the law: nothing of the grid is in it"
     assert late.min() > -0.02, "no law is quicker than the shortest path"
 
@@ -123,7 +123,7 @@ void run(const double *seen, int count, double *answer) {
 @pytest.mark.heavy
 def test_the_law_in_c_commands_what_the_simulated_one_does(basin, tmp_path):
     car = dubins()
-    law = hf.safety_law(car, basin)
+    law = hf.least_time_law(car, basin)
     c = built(tmp_path, hf.export_c(car, law, "soon") + STEPS, "soon")
     starts = starts_of(basin, [-3, -3, -np.pi], [3, 3, np.pi], 300)
     answers = np.zeros(len(starts))
@@ -147,7 +147,12 @@ def test_a_double_integrator_brakes_in_time():
     basin = hf.capture_basin(cart, rest, None, grid, 7.0)
     starts = starts_of(basin, [-3, -2], [3, 2], 300)
     result = hf.simulate(
-        cart, hf.safety_law(cart, basin), starts=starts, goal=rest, horizon=10, record_every=0.02
+        cart,
+        hf.least_time_law(cart, basin),
+        starts=starts,
+        goal=rest,
+        horizon=10,
+        record_every=0.02,
     )
     state, times = result.dataset["state"].values, result.dataset["time"].values
     inside = (np.abs(state) <= 0.2 + 1e-9).all(axis=2)
@@ -164,7 +169,7 @@ def test_against_the_worst_current_most_arrive_in_time_and_nearly_all():
     boat = dubins(disturbances=current, disturbance_bounds=hf.Ball(0.2, 2))
     basin = hf.capture_basin(boat, goal(STATES), None, in_a_field(boat), 12.0)
     starts = starts_of(basin, [-3, -3, -np.pi], [3, 3, np.pi], 300)
-    plant, law = worst_disturbance(boat, basin, hf.safety_law(boat, basin))
+    plant, law = worst_disturbance(boat, basin, hf.least_time_law(boat, basin))
     late = arrivals(plant, law, starts, horizon=20.0) - basin.least_time(starts)
     assert np.count_nonzero(np.isfinite(late)) >= 285
     assert np.count_nonzero(late <= 0.1) >= 245
@@ -180,8 +185,6 @@ def test_a_basin_with_rocks_is_crossed_in_time():
         hf.Inequality("wall y", sp.Abs(Y) - 3.8, "m"),
     ))  # fmt: skip
     basin = hf.capture_basin(car, goal(STATES), rocks, in_a_field(car), 9.0)
-    promise = hf.check_promise(car, basin, rocks, goal=goal(STATES), runs=200)
-    assert promise.inside[0].kept.value == 1.0
     starts = starts_of(basin, [-3, -3, -np.pi], [3, 3, np.pi], 300)
-    late = arrivals(car, hf.safety_law(car, basin), starts) - basin.least_time(starts)
+    late = arrivals(car, hf.least_time_law(car, basin), starts) - basin.least_time(starts)
     assert np.count_nonzero(late <= 0.1) >= 285

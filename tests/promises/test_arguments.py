@@ -90,6 +90,12 @@ def value():
 
 
 @cache
+def reached():
+    over_it = hf.grid(slider(), {"x": (-1.2, 1.2)}, 21)
+    return hf.capture_basin(slider(), end(), None, over_it, 1.0)
+
+
+@cache
 def certificate():
     still = {"ahead": (0.3, 2.1), "left": (-1.2, 1.2)}
     scenario = hf.load_scenario("seen-target")
@@ -293,6 +299,7 @@ FUNCTIONS = {
         "system": line(), "law": push_law(), "region": end(), "gains": (1.0, 4.0), "margins": {"end": 0.1},
         "scales": {"u": 1.0}, "disturbance_measured": False,
     },
+    "least_time_law": lambda: {"system": slider(), "value": reached(), "sample_time": 0.02},
     "safety_law": lambda: {
         "system": line(), "value": value(), "law": push_law(), "rate": 2.0, "margin": 0.1, "sample_time": 0.02, "delay": 0.0,
         "scales": {"u": 1.0},

@@ -74,6 +74,8 @@ def test_names_of_the_glossary_exist():
             assert reduce(getattr, code.split(".")[1:], hf), code
         elif code.startswith("kind = "):
             assert code.split('"')[1] in {kind.name for kind in kinds()}, code
+        elif code.startswith("examples/"):
+            assert (ROOT / code).is_file(), code
         elif code.startswith("holdfast "):
             assert code.split()[1] in cli.list_commands(None), code
         elif not code.startswith(("gains=", "holdfast.", "holdfast-check", "sample_time", "delay")):

@@ -61,7 +61,7 @@ PACE = 2.0
 ROUNDING = 1e-9  # of a rate that is exactly the fastest
 
 NEVER = 2.0
-"""Horizons after which a state that does not arrive is said to arrive."""
+"""Horizons after which a state that just does not arrive is said to arrive."""
 
 MANY = 100_000  # nodes near the boundary that a margin is computed from
 
@@ -86,9 +86,8 @@ def safety_law(
     (7.3), (7.7)). At a ridge of V these leave a kernel: where the game below is solved, and trial
     runs stay, a safety filter changes them as little as it would change a `law`, and p is the slope
     of W, or of V where W is cut off. It is for `sample_time` alone then; `ahead` false leaves it
-    out. Of a capture basin with times of arrival T they are instead those after which T is least,
-    so that the state arrives when `least_time` says; beside a jump of T it may arrive late. The
-    filter is the least change of inputs in `scales` that satisfies
+    out. The law that arrives soonest in a capture basin is `least_time_law`. The filter is the
+    least change of inputs in `scales` that satisfies
 
         W(q after the sample) >= margin + (1 - rate sample_time) (W(q) - margin)
 
@@ -135,6 +134,57 @@ def safety_law(
     return predicted.remembered(made) if predicted else made
 
 
+@checked
+def least_time_law(system: System, value: ValueFunction, *, sample_time: float = 0.02) -> Law:
+    """The law that arrives in the least time T of a capture basin: minimum-time feedback.
+
+    It takes the inputs after which T has fallen by the hold, or else those after which it is least:
+
+        T(q after the sample) <= T(q) - sample_time   for every held disturbance
+
+    T is compared where inputs lead, since it jumps: beside a path that just misses the goal its
+    slopes mean nothing. A state within a cell of a jump may be on its other side and arrive later.
+    Outside the basin it raises V. value: a capture basin with times of arrival
+    (`ValueFunction.least_time`). sample_time [s]: for how long inputs are held, of the run too.
+
+    Raises `SimulationError` for a value function without times of arrival, of another system, or of
+    an empty set, for a system without bounded inputs, and for rates that are not affine in them.
+
+    >>> goal = hf.Region("middle", cart.states, (hf.Inequality("near", abs(x) - 0.2, "m"),))
+    >>> basin = hf.capture_basin(cart, goal, track, nodes, 4.0)
+    >>> soonest = hf.least_time_law(cart, basin)
+    >>> hf.simulate(cart, soonest, starts=[[0.8, 0.0]], goal=goal, horizon=4.0, until_goal=True)
+    <Result of 1 runs: 1 reached goal>
+    """
+    model = decided(system, value)
+    if "arrival" not in value.dataset:
+        raise SimulationError(
+            "this value function has no least times",
+            expected="a capture basin of a problem that does not depend on time",
+            remedy="or compute them: arrival_steps=100",
+        )
+    check_not_empty(value)
+    number("sample_time is ", sample_time, "seconds, above 0", lambda v: 0 < v < math.inf)
+    if not model.inputs or model.input_bounds is None or model.samples:
+        raise SimulationError(
+            f"the inputs of system '{model.name}' are not bounded, or act otherwise than affinely",
+            expected="bounded inputs, in which the rates are affine",
+        )
+    horizon = value.report.horizon_s
+    arrival = np.ascontiguousarray(value.dataset["arrival"].values).ravel()
+    below = np.fmin(value.last().in_memory().values().ravel(), 0.0)
+    never = horizon * (NEVER + below / min(float(below.min()), -ROUNDING))
+    table = np.where(np.isfinite(arrival), -arrival, -never).astype(arrival.dtype)
+    lookup = lookup_of(value.last())
+    return soonest_law(
+        model,
+        on_its_grid(table, lookup, sample_time, unit="s", sloped=True),
+        points=points_of(model.input_bounds, len(model.inputs)),
+        disturbances=moves_of(model.disturbance_bounds, len(model.disturbances)),
+        latest=float(never.max()),
+    )
+
+
 class Kept(NamedTuple):
     """A law that keeps a kernel; the prediction whose memory it reads; and whether trial runs of
     its game stay, where one was solved and the margin is its own."""
@@ -171,10 +221,6 @@ def kept_law(
             remedy="give a law: its safety filter has a margin",
         )
     kind = value.report.kind
-    points_are_known = model.inputs and model.input_bounds is not None and not model.samples
-    by_time = patience and points_are_known and "arrival" in value.dataset and not lookup.timed
-    if law is None and by_time:
-        return Kept(_soonest(model, value, lookup, sample_time))
     looks_ahead = patience and not lookup.timed and not (law is None and kind in REACHED)
     predicted = None
     if looks_ahead and delay and predicts:
@@ -236,21 +282,6 @@ def kept_law(
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay, late or None)
     return Kept(keep_value(model, law, lookup, rate=pace, margin=margin, scales=scales))
-
-
-def _soonest(model: System, value: ValueFunction, lookup: Lookup, sample_time: float) -> Law:
-    """The law of the least times. What does not arrive is as far away as two horizons."""
-    assert model.input_bounds is not None
-    latest = NEVER * value.report.horizon_s
-    arrival = np.ascontiguousarray(value.dataset["arrival"].values).ravel()
-    table = np.where(np.isfinite(arrival), -arrival, -latest).astype(arrival.dtype)
-    return soonest_law(
-        model,
-        on_its_grid(table, lookup, sample_time, unit="s", sloped=True),
-        points=points_of(model.input_bounds, len(model.inputs)),
-        disturbances=moves_of(model.disturbance_bounds, len(model.disturbances)),
-        latest=latest,
-    )
 
 
 def check_not_empty(value: ValueFunction) -> None:
