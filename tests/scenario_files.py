@@ -107,6 +107,7 @@ constraints = { right = { expression = "x - wall", unit = "m" } }
 parameters = { wall = { value = 2.0, unit = "m" } }
 
 [goal]
+empirical = "a norm of numbers"
 constraints = { near = "hypot(x, v) - size" }
 parameters = { size = 0.25 }
 

@@ -26,10 +26,9 @@ from holdfast.execution.level_set.march import Method, over_grid
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.stage_leaf import DISSIPATIONS
 from holdfast.maths.definitions.bounds import section
-from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters
+from holdfast.maths.definitions.quantity import TIME, Parameter, expression_of, merge_parameters
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.parser import expression_of
 
 Player = Literal["min", "max"]
 

@@ -45,6 +45,7 @@ from holdfast.maths.definitions.quantity import (
     TIME_IN_MODE,
     Parameter,
     Quantity,
+    expression_of,
     merge_parameters,
     symbol,
 )
@@ -53,7 +54,6 @@ from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System, by_measurements, check_outputs
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.functions import Process
-from holdfast.maths.expressions.parser import expression_of
 from holdfast.maths.expressions.traversal import exchanged, symbols_of
 
 

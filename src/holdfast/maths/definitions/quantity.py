@@ -20,8 +20,8 @@ from holdfast.arguments import InItsUnit, checked
 from holdfast.errors import AngleWarning, DefinitionError, HoldfastError
 from holdfast.maths.definitions.value import FrozenDict
 from holdfast.maths.expressions.functions import FUNCTIONS, PROCESSES
-from holdfast.maths.expressions.parser import expression_of
-from holdfast.maths.expressions.traversal import parts
+from holdfast.maths.expressions.parser import of_names
+from holdfast.maths.expressions.traversal import canonical, parts
 from holdfast.maths.expressions.written import FUNCTIONS as COMPILED
 
 if TYPE_CHECKING:
@@ -415,6 +415,11 @@ def numbers_text(parameters: Sequence[Parameter]) -> list[str]:
     """A line with the numbers of all parameters, if there are any."""
     numbers = ", ".join(f"{q.name} = {q.value:g} {q.unit}" for q in parameters)
     return [f"parameters: {numbers}"] if parameters else []
+
+
+def expression_of(value: object) -> sp.Expr:
+    """What a user gives for an expression: one of SymPy, a number, or a text of names."""
+    return of_names(value) if isinstance(value, str) else canonical(value)
 
 
 def frozen(expressions: Mapping[str, object]) -> Mapping[str, sp.Expr]:

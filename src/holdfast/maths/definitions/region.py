@@ -25,13 +25,13 @@ from holdfast.maths.definitions.quantity import (
     Quantity,
     check_symbols,
     check_unique,
+    expression_of,
     merge_parameters,
     numbers_text,
 )
 from holdfast.maths.definitions.units import Units, are_not_checked, kind_of_unit
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.functions import greatest
-from holdfast.maths.expressions.parser import expression_of
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,12 @@ from holdfast.maths.definitions.quantity import (
     Quantity,
     check_symbols,
     check_unique,
+    expression_of,
     frozen,
     merge_parameters,
 )
 from holdfast.maths.definitions.units import Units, are_not_checked
 from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
-from holdfast.maths.expressions.parser import expression_of
 
 
 @checked

@@ -29,6 +29,7 @@ from holdfast.maths.definitions.quantity import (
     check_symbols,
     check_unique,
     dimension,
+    expression_of,
     frozen,
     has_unit,
     merge_parameters,
@@ -38,7 +39,6 @@ from holdfast.maths.definitions.quantity import (
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.units import Units, are_not_checked, kind_of_unit, of_another_unit
 from holdfast.maths.definitions.value import Printed, Value, short_text
-from holdfast.maths.expressions.parser import expression_of
 from holdfast.maths.expressions.traversal import derivatives
 
 NODES = 16

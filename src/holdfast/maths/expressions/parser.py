@@ -25,7 +25,7 @@ from holdfast.maths.expressions.functions import (
     pairwise,
     select,
 )
-from holdfast.maths.expressions.traversal import canonical, syntax_tree
+from holdfast.maths.expressions.traversal import syntax_tree
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 60
@@ -91,12 +91,8 @@ def parse_formula(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
     return _parsed(text, names, processes=False)
 
 
-def expression_of(value: object) -> sp.Expr:
-    """What a user gives for an expression: one of SymPy, a number, or a text of names."""
-    return _of_names(value) if isinstance(value, str) else canonical(value)
-
-
-def _of_names(text: str) -> sp.Expr:
+def of_names(text: str) -> sp.Expr:
+    """The expression of a text, in which every name is a quantity."""
     translator = _Translator(text, {}, processes=True)
     names = {node.id for node in ast.walk(translator.tree) if isinstance(node, ast.Name)}
     translator.names = {name: sp.Symbol(name, real=True) for name in names - {"pi"}}

@@ -19,9 +19,9 @@ import sympy as sp
 
 from holdfast.arguments import Written, checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.quantity import expression_of
 from holdfast.maths.definitions.value import Value
 from holdfast.maths.expressions.functions import clip, greatest, magnitude, select, sgn
-from holdfast.maths.expressions.parser import expression_of
 from holdfast.maths.expressions.traversal import at_numbers
 
 V = TypeVar("V")

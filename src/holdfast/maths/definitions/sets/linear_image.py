@@ -14,9 +14,9 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.quantity import expression_of
 from holdfast.maths.definitions.sets.base import Bounds, Reach, Row
 from holdfast.maths.expressions.functions import least, magnitude, select, sgn
-from holdfast.maths.expressions.parser import expression_of
 from holdfast.maths.expressions.random_points import full_rank
 from holdfast.maths.expressions.traversal import at_numbers
 
