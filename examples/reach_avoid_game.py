@@ -102,7 +102,7 @@ run = hf.simulate(
     horizon=0.6,
     sample_time=0.005,
     record_every=0.005,
-    disturbance={"run": f"{GUARD}*sign(theta)"},
+    disturbance={"run": f"{GUARD}*sgn(theta)"},
 )
 paths = dict(zip(starts, run.dataset["state"].values, strict=True))
 for name, path in paths.items():

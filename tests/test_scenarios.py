@@ -477,6 +477,10 @@ def test_overrides_are_texts_or_a_table():
     by_text = hf.load_scenario("ch2-unicycle", ["run.horizon=4", 'run.sample_time="20 ms"'])
     by_key = hf.load_scenario("ch2-unicycle", {"run.horizon": 4, "run.sample_time": "20 ms"})
     nested = hf.load_scenario("ch2-unicycle", {"run": {"horizon": 4, "sample_time": "20 ms"}})
+    states = {"starts.states": [{"x": 1.0, "y": np.float32(0.5)}], "run.horizon": np.int64(2)}
+    assert hf.load_scenario("ch2-unicycle", states).starts.states[0]["y"] == 0.5
+    with pytest.raises(ScenarioError, match=r"overrides: run\.horizon is None; expected a number"):
+        hf.load_scenario("ch2-unicycle", {"run.horizon": None})
     assert by_key.settings == by_text.settings == nested.settings
     assert by_key.settings["horizon"] == 4
     with pytest.raises(ScenarioError, match=r'expected a list, such as \["run.horizon=4"\]'):

@@ -20,6 +20,7 @@ kind = "closed-loop"
 [system]
 states = { x = { unit = "m" }, y = { unit = "m" }, psi = { unit = "rad", angle = true }, phi = { unit = "rad", angle = true } }
 inputs = { w = { unit = "rad/s", bounds = [-1, 1] } }
+empirical = "a speed of 1"
 rates = { x = "cos(psi)", y = "sin(psi)", psi = "w", phi = "sin(psi - phi)/length" }
 parameters = { length = { value = 1.25, unit = "m" } }
 

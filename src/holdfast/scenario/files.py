@@ -100,6 +100,21 @@ Overrides = Iterable[str] | Mapping[str, Any]
 """Texts "key=value", or a table of values by their keys."""
 
 
+def _toml(key: str, value: Any) -> str:
+    """A value of a table of overrides as a file has it, on one line."""
+    value = value.item() if hasattr(value, "dtype") and not getattr(value, "ndim", 0) else value
+    if isinstance(value, Mapping):
+        inside = (f"{tomlkit.key(k).as_string()} = {_toml(key, v)}" for k, v in value.items())
+        return f"{{ {', '.join(inside)} }}"
+    if isinstance(value, (list, tuple)) or hasattr(value, "tolist"):
+        return f"[{', '.join(_toml(key, v) for v in value)}]"
+    if not isinstance(value, (bool, int, float, str)):
+        raise ScenarioError(
+            f"overrides: {key} is {value!r}", expected="a number, a text, true or false, or a list"
+        )
+    return str(tomlkit.item(value).as_string())
+
+
 def changes_of(overrides: Overrides) -> list[str]:
     """The overrides as texts; `ScenarioError` for one text, of which they would be letters."""
     if isinstance(overrides, str):
@@ -112,7 +127,7 @@ def changes_of(overrides: Overrides) -> list[str]:
         if isinstance(value, Mapping):
             changes += [f"{key}.{change}" for change in changes_of(value)]
         else:
-            changes.append(f"{key}={tomlkit.item(value).as_string()}")
+            changes.append(f"{key}={_toml(key, value)}")
     return changes
 
 

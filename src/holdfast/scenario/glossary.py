@@ -61,5 +61,5 @@ def _plain(word: str) -> str:
 
 def meant(name: str, names: Iterable[str]) -> str:
     """The remedy for a name that is none of `names`: what the word is here, or the nearest name."""
-    meanings = "; ".join(f"{row.words[0]}: {row.here}" for row in looked_up(name))
-    return meanings or suggestion(name, names)
+    about = looked_up(name)
+    return f"{about[0].words[0]}: {about[0].here}" if len(about) == 1 else suggestion(name, names)

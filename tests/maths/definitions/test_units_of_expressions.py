@@ -365,3 +365,49 @@ def test_the_catalogue_says_so_only_where_it_has_to():
     for part in saying:
         with pytest.raises(DefinitionError):
             replace(part, empirical="")
+
+
+def test_a_region_in_another_unit_than_the_system_is_refused():
+    st = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))
+    cart = hf.System(
+        "cart", st, (hf.Quantity("a", "m/s^2"),), {"x": "v", "v": "a"},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    near = hf.Region(
+        "near", (hf.Quantity("x", "cm"),), (hf.Inequality("end", "abs(x) - 20", "cm"),)
+    )
+    with pytest.raises(
+        DefinitionError, match=r"'x' of region 'near': the region reads it in .*; exp"
+    ):
+        hf.simulate(
+            cart, hf.Law("none", st, {"a": 0}), starts=[[15.0, 0.0]], goal=near, horizon=0.1
+        )
+    with pytest.raises(DefinitionError, match="'x' of region 'near': the region reads it"):
+        hf.SafetyFilter(cart, near)
+    grid = hf.grid(cart, {"x": (-2, 2), "v": (-2, 2)}, 9)
+    with pytest.raises(DefinitionError, match="'x' of region 'near': the region reads it"):
+        hf.viability_kernel(cart, near, grid, 1.0)
+
+
+def test_a_measurement_that_a_law_reads_in_another_unit_is_refused():
+    st = (hf.Quantity("x", "m"),)
+    seen = hf.System(
+        "seen", st, (hf.Quantity("u", "m/s"),), {"x": "u"}, input_bounds=hf.Box((-1,), (1,)),
+        measurements=(hf.Measurement("range", "m", expression="abs(x)"),),
+    )  # fmt: skip
+    gain = hf.Parameter("k", "m/(s cm)", value=0.01)
+    law = hf.Law("home", (hf.Quantity("range", "cm"),), {"u": "-k*range"}, parameters=(gain,))
+    with pytest.raises(DefinitionError, match="'range' of law 'home': the law reads it"):
+        hf.simulate(seen, law, starts=[[1.0]], horizon=0.1)
+
+
+@pytest.mark.parametrize("gain", ["1", "1.0", "0.5", "2"])
+def test_a_written_gain_of_one_has_a_unit_as_any_other(gain):
+    st = (hf.Quantity("x", "m"),)
+    line = hf.System("line", st, (hf.Quantity("u", "m/s"),), {"x": "u"})
+    law = hf.Law("home", st, {"u": f"-{gain}*x"})
+    assert hf.simulate(line, law, starts=[[1.0]], horizon=0.1)
+    assert hf.Law("home", st, {"u": f"x/{gain}"}) is not None
+    bare = hf.Law("home", st, {"u": "-x"})
+    with pytest.raises(DefinitionError, match="multiply it by a parameter in 1/s"):
+        hf.simulate(line, bare, starts=[[1.0]], horizon=0.1)

@@ -483,7 +483,7 @@ def decompose(
     model = with_disturbance(system, {} if disturbance is None else disturbance)
     for r in (region, goal):
         if r is not None:
-            r.check_states(model.name, model.state_names)
+            r.check_states(model.name, model.states)
     rows = {"region": _rows(region), "goal": _rows(goal)}
     numbers = _numbers(model, region, goal)
     promised: dict[str, Guarantee] = {}

@@ -453,7 +453,7 @@ def pose(
     if problem.backwards:
         moved = replace(moved, rates={n: -r for n, r in moved.rates.items()}, pfaffian=())
     for region in problem.regions:
-        region.check_states(moved.name, moved.state_names)
+        region.check_states(moved.name, moved.states)
     if tuple(a.name for a in grid.axes) != moved.state_names:
         raise SimulationError(
             "the grid belongs to another system, with the states "

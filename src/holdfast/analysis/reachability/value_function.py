@@ -542,7 +542,7 @@ class ValueFunction(Value, InNotebooks):
 
         Linear between the nodes that reach the goal. NaN where the goal is not reached within the
         horizon whatever the inputs are (V <= 0), and outside the grid, where nothing is known.
-        `safety_law` without a law arrives in this time. Where T jumps, as beside a path that just
+        `least_time_law` arrives in this time. Where T jumps, as beside a path that just
         misses the goal, a state within a cell of the jump may be on its other side.
 
         Raises `SimulationError` for a value function without times of arrival.

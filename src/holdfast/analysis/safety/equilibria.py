@@ -19,7 +19,7 @@ from holdfast.arguments import checked, renamed
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
-from holdfast.maths.definitions.quantity import TIME, merge_parameters, symbol
+from holdfast.maths.definitions.quantity import TIME, expression_of, merge_parameters, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import derivatives
@@ -89,7 +89,7 @@ class Search:
         field: Mapping[str, sp.Expr] | None = None,
         drawn: Sequence[sp.Symbol] = (),
     ) -> None:
-        region.check_reads(system.name, system.state_names)
+        region.check_reads(system.name, system.states)
         if not searches >= 1:
             raise DefinitionError(f"searches is {searches}", expected="at least 1")
         if seed < 0:
@@ -453,7 +453,7 @@ def _disturbance(
                 f"'{name}' is not a disturbance of system '{system.name}'",
                 remedy=suggestion(name, system.disturbance_names),
             )
-        expression = sp.sympify(value)
+        expression = expression_of(value)
         if expression.free_symbols:
             field[name] = expression
         elif math.isfinite(expression):

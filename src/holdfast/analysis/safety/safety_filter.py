@@ -143,7 +143,8 @@ def least_time_law(system: System, value: ValueFunction, *, sample_time: float =
         T(q after the sample) <= T(q) - sample_time   for every held disturbance
 
     T is compared where inputs lead, since it jumps: beside a path that just misses the goal its
-    slopes mean nothing. A state within a cell of a jump may be on its other side and arrive later.
+    slopes mean nothing. Where a path comes within a cell of a jump, or grazes the goal, the state
+    may be on the other side of it and arrive later.
     Outside the basin it raises V. value: a capture basin with times of arrival
     (`ValueFunction.least_time`). sample_time [s]: for how long inputs are held, of the run too.
 
@@ -160,8 +161,8 @@ def least_time_law(system: System, value: ValueFunction, *, sample_time: float =
     if "arrival" not in value.dataset:
         raise SimulationError(
             "this value function has no least times",
-            expected="a capture basin of a problem that does not depend on time",
-            remedy="or compute them: arrival_steps=100",
+            expected="a capture basin of a problem that does not depend on time, computed with "
+            "arrival_steps above 0",
         )
     check_not_empty(value)
     number("sample_time is ", sample_time, "seconds, above 0", lambda v: 0 < v < math.inf)

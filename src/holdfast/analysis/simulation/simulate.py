@@ -20,7 +20,7 @@ import sympy as sp
 from holdfast._version import __version__
 from holdfast.analysis.simulation.files import NamedArray, NamedArrays
 from holdfast.analysis.simulation.result import Result
-from holdfast.analysis.simulation.starts import Starts, on_boundary
+from holdfast.analysis.simulation.starts import Starts, on_boundary, warn_of_degrees
 from holdfast.arguments import checked, written_by_user
 from holdfast.errors import GainWarning, ModelWarning, SimulationError, check_name, suggestion
 from holdfast.execution.arrays import Array
@@ -37,7 +37,7 @@ from holdfast.execution.simulation.settings import (
 )
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import CellLookup, Law, SampledLookup
-from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol, warn_of_turns
+from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, expression_of, symbol
 from holdfast.maths.definitions.region import Region, drawn_shapes
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System, check_disturbance_units
@@ -461,7 +461,7 @@ def simulate(
     for name in reference or {}:
         if name not in system.state_names:
             raise SimulationError(f"reference of '{name}', which is not a state", key="reference")
-    expressions = {k: sp.sympify(v) for k, v in (disturbance or {}).items()}
+    expressions = {k: expression_of(v) for k, v in (disturbance or {}).items()}
     for name in expressions:
         if name not in system.disturbance_names:
             raise SimulationError(
@@ -497,9 +497,11 @@ def simulate(
             system.input_bounds.at(parameters)
     turns = varied.turns if varied is not None else 1
     if written_by_user():
-        _warn_of_degrees(system, starts)
+        if isinstance(starts, Starts):
+            warn_of_degrees(system, starts)
         check_disturbance_units(system, expressions)
     if isinstance(starts, Starts):
+        starts = starts.in_units_of(system)
         loop.check_room(starts.count * turns if part is None else len(part), chosen)
     try:
         initial = _from_every_start(
@@ -510,6 +512,8 @@ def simulate(
     except SimulationError as error:
         error.key = "starts"
         raise
+    if written_by_user() and not isinstance(starts, Starts):
+        warn_of_degrees(system, initial)
     first = part.start if part is not None else 0
     drawn = loop.varied(len(initial), chosen.seed, first)
     _check_varied(program, drawn, first)
@@ -553,17 +557,6 @@ def simulate(
     )
 
 
-def _warn_of_degrees(system: System, starts: Starts | Sequence[Sequence[float]] | Array) -> None:
-    """Warn of starts of angles that are more than a turn."""
-    for i, q in [(i, q) for i, q in enumerate(system.states) if q.unit == "rad"]:
-        if isinstance(starts, Starts):
-            values = [*(s.get(q.name, 0.0) for s in starts.states), *starts.box.get(q.name, ())]
-        else:
-            values = list(np.array(starts, dtype=float, ndmin=2)[:, i : i + 1].flat)
-        most = float(max(values, key=abs, default=0.0))
-        warn_of_turns(f"the start of '{q.name}'", most, f"math.radians({most:g})", stacklevel=5)
-
-
 def _initial_states(
     system: System,
     region: Region | None,
@@ -578,13 +571,6 @@ def _initial_states(
     names = system.state_names
     first = part.start if part is not None else 0
     if isinstance(starts, Starts):
-        for named in (*starts.states, starts.box):
-            for name in named:
-                if name not in names:
-                    raise SimulationError(
-                        f"'{name}' is not a state of system '{system.name}'",
-                        remedy=suggestion(name, names),
-                    )
         fixed = np.array([[s.get(n, 0.0) for n in names] for s in starts.states], dtype=float)
         fixed = fixed.reshape(-1, len(names))
         if starts.random < 0:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 
 from holdfast.arguments import Count, OfStates, RangesOfStates, checked
-from holdfast.errors import SimulationError, check_name
+from holdfast.errors import SimulationError, check_name, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
+from holdfast.maths.definitions.quantity import UnitError, to_si, warn_of_turns
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.value import Value
@@ -25,7 +27,8 @@ _BLOCK = 4096  # starts of a group that are found together
 class Starts(Value):
     """Initial states: those that are given, then random ones.
 
-    states: each a mapping, state -> its value in its unit; those left out are 0. random: how many,
+    states: each a mapping, state -> its value in its unit, or a text with another, such as
+    "90 deg"; those left out are 0. random: how many,
     uniform over the states of the box that lie in the region. box: state -> (lowest, highest);
     those left out are 0. active: groups of names of inequalities; the random states are moved to
     where those of a group are 0 together, the groups taking turns.
@@ -44,6 +47,54 @@ class Starts(Value):
     def count(self) -> int:
         """The number of starts."""
         return len(self.states) + self.random
+
+    def in_units_of(self, system: System) -> Starts:
+        """The same in numbers; `SimulationError` for what is no value of a state, naming it."""
+        units = {q.name: q.unit for q in system.states}
+
+        def number_of(name: str, value: object) -> float:
+            if name not in units:
+                raise SimulationError(
+                    f"'{name}' is not a state of system '{system.name}'",
+                    remedy=suggestion(name, list(units)),
+                )
+            try:
+                return to_si(value, units[name]) if isinstance(value, str) else float(value)  # type: ignore[arg-type]
+            except (UnitError, TypeError, ValueError):
+                raise SimulationError(
+                    f"a start has {name} = {value!r}",
+                    expected=f"a number in {units[name]}, or a text with its unit",
+                ) from None
+
+        def ends_of(name: str, ends: object) -> tuple[float, float]:
+            pair = isinstance(ends, (tuple, list, np.ndarray)) and len(ends) == 2
+            if name in units and not pair:
+                raise SimulationError(
+                    f"the box of '{name}' is {ends!r}", expected="two values, (lowest, highest)"
+                )
+            low, high = cast("tuple[object, object]", ends) if pair else (0.0, 0.0)
+            return number_of(name, low), number_of(name, high)
+
+        return replace(
+            self,
+            states=[{n: number_of(n, v) for n, v in s.items()} for s in self.states],
+            box={n: ends_of(n, v) for n, v in self.box.items()},
+        )
+
+
+def warn_of_degrees(system: System, starts: Starts | Array) -> None:
+    """Warn of starts of angles that are more than a turn, without a unit; an array has the shape
+    (runs, states)."""
+    for i, q in enumerate(system.states):
+        if not q.angle:
+            continue
+        if isinstance(starts, Starts):
+            values = [s.get(q.name, 0.0) for s in starts.states] + list(starts.box.get(q.name, ()))
+            values = [v for v in values if not isinstance(v, str)]
+        else:
+            values = [float(np.abs(starts[:, i]).max(initial=0.0))]
+        most = float(max(values, key=abs, default=0.0))
+        warn_of_turns(f"the start of '{q.name}'", most, f"math.radians({most:g})", stacklevel=5)
 
 
 def on_boundary(

@@ -28,7 +28,7 @@ from holdfast.execution.simulation.settings import BY_NAME, Outcome, Settings
 from holdfast.execution.table_in_parts import in_memory
 from holdfast.execution.web_assembly import LANES, STACK, web_module
 from holdfast.maths.definitions.law import CellLookup, Law
-from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.definitions.quantity import TIME, expression_of
 from holdfast.maths.definitions.region import (
     Circle,
     Cone,
@@ -123,7 +123,7 @@ def web_loop(
     that is handed its command by another controller.
     """
     expressions = {name: sp.Float(0) for name in system.disturbance_names} | {
-        name: sp.sympify(e) for name, e in (disturbance or {}).items()
+        name: expression_of(e) for name, e in (disturbance or {}).items()
     }
     program = closed_loop_program(
         system, law, region=region, goal=goal, disturbance=expressions, stepper=BY_NAME[stepper],

@@ -548,7 +548,7 @@ def closed_loop_program(
     switching = controller.switching
     for watched in (region, goal):
         if watched is not None:
-            watched.check_reads(system.name, system.state_names)
+            watched.check_reads(system.name, system.states)
     parameters = merge_parameters(
         controller.parameters,
         region.parameters if region else (),

@@ -325,7 +325,7 @@ def input_limits(system: System, inputs: tuple[str, ...] | None = None) -> Regio
         if len(felt) == 1:
             name = f"{felt[0][1].name}_{'high' if felt[0][0] > 0 else 'low'}"
         expression = sp.Add(*(n * q.symbol for n, q in felt)) - offset
-        inequalities.append(Inequality(name, expression, chosen[0].unit))
+        inequalities.append(Inequality(name, expression, felt[0][1].unit))
     return Region(
         name=f"limits of {' and '.join(names)}",
         reads=tuple(chosen),

@@ -12,7 +12,7 @@ from typing import ClassVar, TypeVar
 
 import sympy as sp
 
-from holdfast.arguments import checked, written_by_user
+from holdfast.arguments import Written, checked, written_by_user
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.quantity import (
     DELAY,
@@ -420,11 +420,11 @@ class Law(Printed):
 
     name: str
     reads: tuple[Quantity, ...]
-    outputs: Mapping[str, sp.Expr]
+    outputs: Mapping[str, Written]
     parameters: tuple[Parameter, ...] = ()
-    signals: Mapping[str, sp.Expr] = field(default_factory=dict)
+    signals: Mapping[str, Written] = field(default_factory=dict)
     conditions: tuple[GainCondition, ...] = ()
-    believed: Mapping[str, sp.Expr] = field(default_factory=dict)
+    believed: Mapping[str, Written] = field(default_factory=dict)
     safeguard: Safeguard | None = None
     lookup: Lookup | None = None
     handed: tuple[Quantity, ...] = ()

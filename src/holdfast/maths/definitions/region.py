@@ -23,13 +23,21 @@ from holdfast.maths.definitions.quantity import (
     UNWRITTEN,
     Parameter,
     Quantity,
+    alike,
     check_symbols,
     check_unique,
+    dimension,
     expression_of,
+    has_unit,
     merge_parameters,
     numbers_text,
 )
-from holdfast.maths.definitions.units import Units, are_not_checked, kind_of_unit
+from holdfast.maths.definitions.units import (
+    Units,
+    are_not_checked,
+    kind_of_unit,
+    of_another_unit,
+)
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.functions import greatest
 
@@ -200,17 +208,24 @@ class Region(Printed):
             wanted = kind_of_unit(c.unit)
             units.check(c.expression, f"inequality '{c.name}'", wanted, "its unit")
 
-    def check_states(self, system: str, states: Sequence[str]) -> None:
-        """Refuse it where it reads what is no state of a system of that name."""
-        missing = [q.name for q in self.reads if q.name not in states]
-        if missing:
-            raise DefinitionError(
-                f"region '{self.name}' reads '{missing[0]}', which is not a state of system "
-                f"'{system}'",
-                expected="states among " + ", ".join(states),
-            )
+    def check_states(self, system: str, states: Sequence[Quantity]) -> None:
+        """Refuse it where it reads what is no state of a system, or a state in another unit."""
+        by_name = {q.name: q for q in states}
+        for q in self.reads:
+            state = by_name.get(q.name)
+            if state is None:
+                raise DefinitionError(
+                    f"region '{self.name}' reads '{q.name}', which is not a state of system "
+                    f"'{system}'",
+                    expected="states among " + ", ".join(by_name),
+                )
+            if has_unit(q) and has_unit(state) and not self.empirical:
+                unit = dimension(q.unit)
+                if not alike(unit, dimension(state.unit)):
+                    does = f"'{q.name}' of region '{self.name}': the region reads it"
+                    raise of_another_unit(does, unit, state, f"system '{system}'")
 
-    def check_reads(self, system: str, states: Sequence[str]) -> None:
+    def check_reads(self, system: str, states: Sequence[Quantity]) -> None:
         """Refuse it likewise, and where it depends on time."""
         self.check_still()
         self.check_states(system, states)

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-import sympy as sp
-
 from holdfast.arguments import Written, checked, written_by_user
 from holdfast.errors import DefinitionError, check_name
 from holdfast.maths.definitions.law import GainCondition, Law, Lookup
@@ -49,8 +47,8 @@ class Memory(Value):
     """
 
     quantities: tuple[Quantity, ...]
-    initial: Mapping[str, sp.Expr]
-    following: Mapping[str, sp.Expr]
+    initial: Mapping[str, Written]
+    following: Mapping[str, Written]
     reads: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...] = ()
     parameters: tuple[Parameter, ...] = ()
@@ -146,7 +144,7 @@ class Switching(Printed):
     modes: Mapping[str, Law]
     transitions: tuple[Transition, ...] = ()
     initial: str = ""
-    signals: Mapping[str, sp.Expr] = field(default_factory=dict)
+    signals: Mapping[str, Written] = field(default_factory=dict)
     extra_parameters: tuple[Parameter, ...] = ()
     memory: Memory | None = None
     description: str = ""

@@ -151,6 +151,7 @@ def by_measurements(system: System, law: Law | Switching) -> Law | Switching:
     by_name = {m.name: m for m in system.measurements}
     if not any(q.name in by_name for q in law.reads):
         return law
+    check_output_units(system, law)
     expressions = {m.symbol: m.expression for m in system.measurements}
 
     def written_out(mode: Law) -> Law:
@@ -195,7 +196,7 @@ class PfaffianRow(Value):
     -sin(psi)
     """
 
-    coefficients: Mapping[str, sp.Expr]
+    coefficients: Mapping[str, Written]
     rhs: Written = sp.S.Zero
 
     def __post_init__(self) -> None:
@@ -261,7 +262,7 @@ class System(Printed):
     name: str
     states: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
-    rates: Mapping[str, sp.Expr]
+    rates: Mapping[str, Written]
     parameters: tuple[Parameter, ...] = ()
     disturbances: tuple[Quantity, ...] = ()
     input_bounds: Bounds | None = None
@@ -507,7 +508,8 @@ def check_output_units(system: System, law: Law | Switching) -> None:
 
     Those of a law whose units were checked; its outputs are inputs, or velocities to track.
     """
-    moving = {q.name: q for q in (*system.states, *system.inputs, *system.disturbances)}
+    groups = (*system.states, *system.inputs, *system.disturbances, *system.measurements)
+    moving = {q.name: q for q in groups}
     for mode in law.modes.values() if isinstance(law, Switching) else (law,):
         if mode.units is None or system.empirical:
             continue

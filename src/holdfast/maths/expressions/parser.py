@@ -124,6 +124,10 @@ def parse_condition(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
     return _Translator(text, names).condition()
 
 
+ALSO = {"sign": "sgn", "ln": "log", "arctan2": "atan2", "arctan": "atan"}
+"""Names that other languages have for functions."""
+
+
 def _finite(value: float, shown: str) -> sp.Expr:
     if not math.isfinite(value):
         raise ExpressionError(f"the number {shown} is out of range", expected="a finite number")
@@ -221,6 +225,11 @@ class _Translator:
                 return self._value(operand, depth + 1)
             case ast.BinOp(left=left, op=operator, right=right):
                 a, b = self._value(left, depth + 1), self._value(right, depth + 1)
+                # A written factor of 1, which SymPy would drop, stays: it has a unit.
+                if isinstance(operator, ast.Mult) and not b.is_number:
+                    a = sp.Float(a) if abs(a) == 1 and a.is_number else a
+                if isinstance(operator, (ast.Mult, ast.Div)) and not a.is_number:
+                    b = sp.Float(b) if abs(b) == 1 and b.is_number else b
                 return self._checked(self._binary(operator, a, b))
             case ast.Call():
                 return self._call(node, depth)
@@ -289,7 +298,7 @@ class _Translator:
     def _call(self, node: ast.Call, depth: int) -> sp.Expr:
         if not isinstance(node.func, ast.Name):
             raise self._refuse("a call of anything but a function name is not allowed")
-        name = node.func.id
+        name = ALSO.get(node.func.id, node.func.id)
         if name == "diff":
             return self._derivative(node, depth)
         if name not in self.functions:
