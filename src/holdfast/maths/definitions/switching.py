@@ -137,7 +137,7 @@ class Switching(Printed):
     >>> near_end = hf.Transition("coast", "brake", abs(x) - 0.5)
     >>> print(hf.Switching("late", {"coast": coast, "brake": brake}, (near_end,), "coast"))
     Switching 'late', from 'coast': coast, brake
-      coast -> brake as soon as magnitude(x) - 0.5 >= 0
+      coast -> brake as soon as abs(x) - 0.5 >= 0
     """
 
     name: str

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any, Self, TypeVar
 
 import sympy as sp
+from sympy.printing.str import StrPrinter
 
 Key = TypeVar("Key")
 Held = TypeVar("Held")
@@ -102,9 +103,22 @@ class Printed(Value, InNotebooks):
         return "\n".join([head, *cut])
 
 
+WRITTEN = {
+    "magnitude": "abs", "least": "min", "greatest": "max", "length": "hypot", "angle": "atan2",
+}  # fmt: skip
+"""Functions by the names that a user writes; the last two have a guard, which nobody writes."""
+
+
+class _AsWritten(StrPrinter):
+    def _print_Function(self, e: sp.Function) -> str:  # noqa: N802 (a name of SymPy)
+        name = type(e).__name__
+        shown = e.args[:2] if name in ("length", "angle") else e.args
+        return f"{WRITTEN.get(name, name)}({self.stringify(shown, ', ')})"
+
+
 def short_text(e: sp.Basic) -> str:
-    """An expression for a reader, its numbers with the digits that they need."""
-    return str(sp.sstr(e, full_prec=False))
+    """An expression as a reader would write it, its numbers with the digits that they need."""
+    return str(_AsWritten({"full_prec": False}).doprint(e))
 
 
 def content(value: Any) -> Any:
