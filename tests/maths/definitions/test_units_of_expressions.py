@@ -15,6 +15,7 @@ import holdfast as hf
 from holdfast.errors import DefinitionError, HoldfastError
 from holdfast.maths.catalogue.signature import example
 from holdfast.maths.definitions.quantity import _dimension_by_library, alike, dimension
+from holdfast.maths.definitions.system import check_output_units
 from holdfast.maths.definitions.units import Units
 from holdfast.maths.definitions.vehicle_file import vehicle_names
 from holdfast.maths.expressions.functions import (
@@ -29,6 +30,7 @@ from holdfast.maths.expressions.functions import (
     wrap,
 )
 from holdfast.maths.nonholonomic.structure import kinematic_system
+from holdfast.scenario.files import scenario_names
 
 BASE = ("m", "s", "kg")
 SCALES = {"m": 1.7, "s": 0.6, "kg": 1.3}
@@ -361,10 +363,11 @@ def test_units_of_the_catalogue_fit_or_its_entries_say_why_not(entry):
 
 def test_the_catalogue_says_so_only_where_it_has_to():
     saying = [p for e in (*SYSTEMS, *LAWS, *REGIONS) for p in parts(e) if p.empirical]
-    assert {p.name for p in saying} == {"align_unicycle", "approach"}
+    assert {p.name for p in saying} == {"align_unicycle", "approach", "dock_marine"}
     for part in saying:
-        with pytest.raises(DefinitionError):
-            replace(part, empirical="")
+        if part.name != "dock_marine":  # whose output is in 1/s: its system alone tells
+            with pytest.raises(DefinitionError):
+                replace(part, empirical="")
 
 
 def test_a_region_in_another_unit_than_the_system_is_refused():
@@ -411,3 +414,17 @@ def test_a_written_gain_of_one_has_a_unit_as_any_other(gain):
     bare = hf.Law("home", st, {"u": "-x"})
     with pytest.raises(DefinitionError, match="multiply it by a parameter in 1/s"):
         hf.simulate(line, bare, starts=[[1.0]], horizon=0.1)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.few("ch4-marine", "ch2-unicycle", "inspection")
+@pytest.mark.parametrize("name", scenario_names())
+def test_a_copy_of_a_shipped_law_by_a_user_fits_its_system(name):
+    scenario = hf.load_scenario(name)
+    law = getattr(scenario, "law", None)
+    if isinstance(law, hf.Switching):
+        law = replace(law, modes={n: replace(mode) for n, mode in law.modes.items()})
+    elif law is not None:
+        law = replace(law, name="mine")
+    if law is not None:
+        check_output_units(scenario.system, law)

@@ -168,6 +168,7 @@ def track_velocity(
         handed=law.handed,
         description=law.description,
         source="; ".join(filter(None, (law.source, "thesis (5.21), (5.22)"))),
+        empirical=law.empirical or system.empirical,
     )
 
 

@@ -191,6 +191,7 @@ def dock_marine(system: System, *, k1: float = 0.2, k2: float = 2.0, freeze: flo
         conditions=(condition, *held_gain("k2")),
         description="dock at the origin with heading 0, exponentially, by surge and yaw rate",
         source="thesis (4.33), (4.34), (4.38) made bounded, with its gain condition",
+        empirical="the bound of the speed is one of a distance in metres",
     )
 
 
