@@ -232,3 +232,19 @@ def test_shapes_to_draw_are_those_of_both_regions_and_all_their_inequalities(res
     shapes = drawn_shapes(None, near)
     assert shapes[: len(near.scene)] == near.scene
     assert [(s.role, s.name) for s in shapes[len(near.scene) :]] == [("goal", "at_pose")]
+
+
+def test_one_run_that_leaves_is_said_to_leave_and_has_a_cross_there(car):
+    result = hf.simulate(
+        car, hf.Law("straight", car.states, {"w": 0.0}), starts=hf.Starts(states=({"x": 0},)),
+        region=hf.Region("field", car.states, (disc("rock", 5, 0, 0.5),)), horizon=6.0,
+    )  # fmt: skip
+    figure = hf.paths_figure(result)
+    (axis,) = figure.axes
+    assert axis.get_title() == "path, by mode: left region"
+    (cross,) = (line for line in axis.lines if line.get_label() == "left here")
+    ((x, y),) = cross.get_xydata()
+    assert 4.5 <= x <= 4.6 + 1e-9  # the sample after the edge
+    assert y == 0.0
+    assert "left here" in [t.get_text() for t in figure.legends[0].get_texts()]
+    plt.close(figure)

@@ -230,26 +230,23 @@ def _draw_ensemble(axis: Axes, data: Any, xy: Array, beyond: int) -> None:
         starts = xy[members, 0]
         axis.plot(starts[:, 0], starts[:, 1], ".", color=colour, markersize=2.5)
         axis.plot([], [], color=colour, linestyle=dashes, label=f"{outcome.label} ({count})")
-    left = [i for i in np.flatnonzero(outcomes == Outcome.LEFT) if i < shown]
-    if left:
-        times = data["time"].values
-        at = [np.searchsorted(times, data["exit_time"].values[i]) for i in left]
-        points = np.array([xy[i, min(k, len(times) - 1)] for i, k in zip(left, at, strict=True)])
-        axis.plot(
-            points[:, 0],
-            points[:, 1],
-            "x",
-            color=style.BLACK,
-            markersize=4,
-            zorder=5,
-            label="left here",
-        )
+    _mark_exits(axis, data, xy, range(shown))
     title = f"{len(xy)} starts, by outcome"
     if shown < len(xy):
         title += f" ({shown} drawn)"
     if beyond:
         title += f"\n{beyond} leave{'s' if beyond == 1 else ''} the frame"
     axis.set_title(title)
+
+
+def _mark_exits(axis: Axes, data: Any, xy: Array, runs: Sequence[int]) -> None:
+    """A cross where each of these runs left the region."""
+    outcomes, times = data["outcome"].values, data["time"].values
+    left = [i for i in runs if outcomes[i] == Outcome.LEFT]
+    if not left:
+        return
+    at = np.minimum(np.searchsorted(times, data["exit_time"].values[left]), len(times) - 1)
+    axis.plot(*xy[left, at].T, "x", color=style.BLACK, markersize=4, zorder=5, label="left here")
 
 
 def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> None:
@@ -283,8 +280,10 @@ def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> 
         zorder=4,
         label="start",
     )
+    _mark_exits(axis, data, xy, runs)
     if len(runs) == 1:
-        axis.set_title("path, by mode")
+        outcome = Outcome(int(data["outcome"].values[runs[0]]))
+        axis.set_title(f"path, by mode: {outcome.label}")
         return
     for run in runs:
         axis.annotate(
