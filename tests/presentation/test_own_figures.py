@@ -248,3 +248,49 @@ def test_one_run_that_leaves_is_said_to_leave_and_has_a_cross_there(car):
     assert y == 0.0
     assert "left here" in [t.get_text() for t in figure.legends[0].get_texts()]
     plt.close(figure)
+
+
+RACK = {"rack": [(1, -1), (2, -1), (2, 1), (1, 1)]}
+
+
+def test_outlines_of_obstacles_stay_beside_other_constraints(car):
+    outside = hf.obstacles(car, RACK, clearance=0.2)
+    plain = hf.Region("slow", car.states, (hf.Inequality("nose", X - 6, "m"),))
+    assert len(outside.scene) == 4
+    for region in (hf.both(plain, outside), hf.both(outside, plain)):
+        assert region.scene == outside.scene
+
+
+def test_set_of_a_goal_is_drawn_with_the_obstacles_of_its_region(tmp_path):
+    path = tmp_path / "basin.toml"
+    path.write_text("""
+[scenario]
+title = "To a dock past a rack"
+kind = "capture-basin"
+[system]
+states = { x = { unit = "m" }, y = { unit = "m" } }
+inputs = { u = { unit = "m/s", bounds = [-1, 1] }, w = { unit = "m/s", bounds = [-1, 1] } }
+rates = { x = "u", y = "w" }
+[region]
+obstacles = { rack = [[1, -1], [2, -1], [2, 1], [1, 1]] }
+clearance = 0.2
+[goal]
+constraints = { dock = { expression = "hypot(x - 4, y) - 0.5", unit = "m" } }
+[grid]
+nodes = { x = 21, y = 21 }
+box = { x = [-1, 5], y = [-3, 3] }
+[march]
+horizon = 2
+""")
+    around = hf.load_scenario(str(path)).drawn_around
+    assert [s.role for s in around["scene"]] == ["wall"] * 4
+    assert around["parameters"] == {"clearance_rack": 0.2}
+
+
+def test_figure_of_a_result_file_says_that_it_has_no_constraints(result, tmp_path):
+    result.save(tmp_path / "result.nc")
+    figure = hf.paths_figure(hf.load(tmp_path / "result.nc"))
+    assert figure.legends[0].get_title().get_text() == (
+        "not drawn: rock, small tree, fence, turned and 1 more (a result file has no shapes)"
+    )
+    plt.close(figure)
