@@ -9,6 +9,7 @@ import sympy as sp
 from matplotlib.patches import Polygon
 
 import holdfast as hf
+from holdfast.errors import OutputError, ScenarioError
 from holdfast.maths.definitions.region import drawn_shapes
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.value_function import told
@@ -294,3 +295,18 @@ def test_figure_of_a_result_file_says_that_it_has_no_constraints(result, tmp_pat
         "not drawn: rock, small tree, fence, turned and 1 more (a result file has no shapes)"
     )
     plt.close(figure)
+
+
+def test_run_of_the_history_is_among_the_bold_paths_and_an_unknown_one_is_refused(result):
+    figure = hf.paths_figure(result, highlight=2, cone_run=3)
+    assert [t.get_text() for t in figure.axes[1].texts] == ["0", "1", "3"]
+    assert figure.axes[1].get_title() == "runs 0 to 1 and 3, by mode"
+    plt.close(figure)
+    for run in (4, -1):
+        with pytest.raises(OutputError, match="expected 0 to 3"):
+            hf.paths_figure(result, cone_run=run)
+
+
+def test_run_of_the_history_that_a_file_does_not_have_is_refused():
+    with pytest.raises(ScenarioError, match="there is no run 9; expected 0 to 7"):
+        hf.load_scenario("ch2-unicycle", ["figures.history=9", "starts.random=5"])
