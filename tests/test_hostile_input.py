@@ -142,6 +142,7 @@ BAD_VALUES = [
     ("ch5-viable-goal-set", "redesign.layers.too_far=[-inf, -0.1]", "cmax < cmin < 0"),
     ("ch5-viable-goal-set", "figures.plane=['x','q']", "figures.plane: unknown name"),
     ("ch5-viable-goal-set", "figures.history=-1", "figures.history: got -1"),
+    ("wheeled_camera", "figures.history=1000000", "figures.history: there is no run 1000000"),
     ("ch5-viable-goal-set", "figures.cones=100000000", "figures.cones: got 100000000"),
     ("ch5-viable-goal-set", "run.record_every=0.7", "horizon a whole multiple of record_every"),
     ("ch5-viable-goal-set", "run.stepper='rk5'", "did you mean 'rk4'"),

@@ -9,6 +9,7 @@ import sympy as sp
 from matplotlib.patches import Polygon
 
 import holdfast as hf
+from holdfast.errors import OutputError, ScenarioError
 from holdfast.maths.definitions.region import drawn_shapes
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.value_function import told
@@ -232,3 +233,80 @@ def test_shapes_to_draw_are_those_of_both_regions_and_all_their_inequalities(res
     shapes = drawn_shapes(None, near)
     assert shapes[: len(near.scene)] == near.scene
     assert [(s.role, s.name) for s in shapes[len(near.scene) :]] == [("goal", "at_pose")]
+
+
+def test_one_run_that_leaves_is_said_to_leave_and_has_a_cross_there(car):
+    result = hf.simulate(
+        car, hf.Law("straight", car.states, {"w": 0.0}), starts=hf.Starts(states=({"x": 0},)),
+        region=hf.Region("field", car.states, (disc("rock", 5, 0, 0.5),)), horizon=6.0,
+    )  # fmt: skip
+    figure = hf.paths_figure(result)
+    (axis,) = figure.axes
+    assert axis.get_title() == "path, by mode: left region"
+    (cross,) = (line for line in axis.lines if line.get_label() == "left here")
+    ((x, y),) = cross.get_xydata()
+    assert 4.5 <= x <= 4.6 + 1e-9  # the sample after the edge
+    assert y == 0.0
+    assert "left here" in [t.get_text() for t in figure.legends[0].get_texts()]
+    plt.close(figure)
+
+
+RACK = {"rack": [(1, -1), (2, -1), (2, 1), (1, 1)]}
+
+
+def test_outlines_of_obstacles_stay_beside_other_constraints(car):
+    outside = hf.obstacles(car, RACK, clearance=0.2)
+    plain = hf.Region("slow", car.states, (hf.Inequality("nose", X - 6, "m"),))
+    assert len(outside.scene) == 4
+    for region in (hf.both(plain, outside), hf.both(outside, plain)):
+        assert region.scene == outside.scene
+
+
+def test_set_of_a_goal_is_drawn_with_the_obstacles_of_its_region(tmp_path):
+    path = tmp_path / "basin.toml"
+    path.write_text("""
+[scenario]
+title = "To a dock past a rack"
+kind = "capture-basin"
+[system]
+states = { x = { unit = "m" }, y = { unit = "m" } }
+inputs = { u = { unit = "m/s", bounds = [-1, 1] }, w = { unit = "m/s", bounds = [-1, 1] } }
+rates = { x = "u", y = "w" }
+[region]
+obstacles = { rack = [[1, -1], [2, -1], [2, 1], [1, 1]] }
+clearance = 0.2
+[goal]
+constraints = { dock = { expression = "hypot(x - 4, y) - 0.5", unit = "m" } }
+[grid]
+nodes = { x = 21, y = 21 }
+box = { x = [-1, 5], y = [-3, 3] }
+[march]
+horizon = 2
+""")
+    around = hf.load_scenario(str(path)).drawn_around
+    assert [s.role for s in around["scene"]] == ["wall"] * 4
+    assert around["parameters"] == {"clearance_rack": 0.2}
+
+
+def test_figure_of_a_result_file_says_that_it_has_no_constraints(result, tmp_path):
+    result.save(tmp_path / "result.nc")
+    figure = hf.paths_figure(hf.load(tmp_path / "result.nc"))
+    assert figure.legends[0].get_title().get_text() == (
+        "not drawn: rock, small tree, fence, turned and 1 more (a result file has no shapes)"
+    )
+    plt.close(figure)
+
+
+def test_run_of_the_history_is_among_the_bold_paths_and_an_unknown_one_is_refused(result):
+    figure = hf.paths_figure(result, highlight=2, cone_run=3)
+    assert [t.get_text() for t in figure.axes[1].texts] == ["0", "1", "3"]
+    assert figure.axes[1].get_title() == "runs 0 to 1 and 3, by mode"
+    plt.close(figure)
+    for run in (4, -1):
+        with pytest.raises(OutputError, match="expected 0 to 3"):
+            hf.paths_figure(result, cone_run=run)
+
+
+def test_run_of_the_history_that_a_file_does_not_have_is_refused():
+    with pytest.raises(ScenarioError, match="there is no run 9; expected 0 to 7"):
+        hf.load_scenario("ch2-unicycle", ["figures.history=9", "starts.random=5"])

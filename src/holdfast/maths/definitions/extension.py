@@ -351,6 +351,7 @@ def both(first: Region, second: Region) -> Region:
         reads=tuple(reads.values()),
         inequalities=(*first.inequalities, *second.inequalities),
         parameters=(*first.parameters, *second.parameters),
+        scene=(*first.scene, *second.scene),
     )
 
 

@@ -24,7 +24,6 @@ from matplotlib.patches import Patch
 from holdfast.analysis.simulation.files import NamedArrays
 from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
-from holdfast.errors import OutputError
 from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.settings import Outcome, SafeguardAnswer
 from holdfast.presentation.figures import style
@@ -176,8 +175,7 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
     >>> hf.histories_figure(result, run=1).savefig("histories.png")
     """
     data = result.arrays
-    if not 0 <= run < data.sizes["run"]:
-        raise OutputError(f"the result has no run {run}", expected=f"0 to {data.sizes['run'] - 1}")
+    style.check_run(run, data.sizes["run"])
     shown = panels(result, run)
     time = data["time"].values
     mode = data["mode"].values[run]

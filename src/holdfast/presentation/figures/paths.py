@@ -110,7 +110,9 @@ def paths_figure(
     Inequalities of the two states of the plane have their line, with the forbidden side hatched;
     others are named under the figure. plane: the two states to draw. highlight: how many paths are
     coloured by mode. cones: how many fields of view, or vehicles with their trailers, are drawn.
-    cone_run: along the path of which run.
+    cone_run: along the path of which run, which is coloured by mode too.
+
+    Raises `OutputError` for an unknown run or state.
 
     >>> figure = hf.paths_figure(result, plane=("x", "v"))
     >>> figure.savefig("paths.png")
@@ -123,14 +125,16 @@ def paths_figure(
     states = data["state"].values
     xy = states[:, :, columns]
     runs = len(states)
-    bold = list(range(min(highlight, runs)))
+    style.check_run(cone_run, runs)
+    bold = sorted({*range(min(highlight, runs)), cone_run})
+    framing = sorted({*range(min(runs, _SHOWN_RUNS)), cone_run})
     with style.look():
         both = runs > len(bold)
         units = data["state_unit"].values[columns]
         one = bool(units[0] == units[1])
         levels = PlaneLevels.of(result, plane)
-        placed = _bodies_along(result, plane, cone_run, cones) if cone_run < runs else []
-        frame = framed(xy[:_SHOWN_RUNS], result, levels, placed, equal=one)
+        placed = _bodies_along(result, plane, cone_run, cones)
+        frame = framed(xy[framing], result, levels, placed, equal=one)
         window = (*frame.x, *frame.y)
         lines = levels.lines(window)
         across, up = frame.size
@@ -153,7 +157,7 @@ def paths_figure(
         if both:
             _draw_ensemble(panels[0], data, xy, frame.beyond)
         _draw_highlights(panels[-1], result, xy, bold)
-        if cones > 0 and cone_run < runs:
+        if cones > 0:
             _draw_views(panels[-1], result, xy[cone_run], cone_run, names, cones)
         for outline in placed:
             panels[-1].add_patch(Polygon(outline, label="vehicle with trailers", **BODY))
@@ -230,26 +234,23 @@ def _draw_ensemble(axis: Axes, data: Any, xy: Array, beyond: int) -> None:
         starts = xy[members, 0]
         axis.plot(starts[:, 0], starts[:, 1], ".", color=colour, markersize=2.5)
         axis.plot([], [], color=colour, linestyle=dashes, label=f"{outcome.label} ({count})")
-    left = [i for i in np.flatnonzero(outcomes == Outcome.LEFT) if i < shown]
-    if left:
-        times = data["time"].values
-        at = [np.searchsorted(times, data["exit_time"].values[i]) for i in left]
-        points = np.array([xy[i, min(k, len(times) - 1)] for i, k in zip(left, at, strict=True)])
-        axis.plot(
-            points[:, 0],
-            points[:, 1],
-            "x",
-            color=style.BLACK,
-            markersize=4,
-            zorder=5,
-            label="left here",
-        )
+    _mark_exits(axis, data, xy, range(shown))
     title = f"{len(xy)} starts, by outcome"
     if shown < len(xy):
         title += f" ({shown} drawn)"
     if beyond:
         title += f"\n{beyond} leave{'s' if beyond == 1 else ''} the frame"
     axis.set_title(title)
+
+
+def _mark_exits(axis: Axes, data: Any, xy: Array, runs: Sequence[int]) -> None:
+    """A cross where each of these runs left the region."""
+    outcomes, times = data["outcome"].values, data["time"].values
+    left = [i for i in runs if outcomes[i] == Outcome.LEFT]
+    if not left:
+        return
+    at = np.minimum(np.searchsorted(times, data["exit_time"].values[left]), len(times) - 1)
+    axis.plot(*xy[left, at].T, "x", color=style.BLACK, markersize=4, zorder=5, label="left here")
 
 
 def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> None:
@@ -283,15 +284,19 @@ def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> 
         zorder=4,
         label="start",
     )
+    _mark_exits(axis, data, xy, runs)
     if len(runs) == 1:
-        axis.set_title("path, by mode")
+        outcome = Outcome(int(data["outcome"].values[runs[0]]))
+        axis.set_title(f"path, by mode: {outcome.label}")
         return
     for run in runs:
         axis.annotate(
             str(run), xy[run, 0], xytext=(-3, 2), textcoords="offset points", ha="right",
             fontsize=7, zorder=6,
         )  # fmt: skip
-    axis.set_title(f"runs {runs[0]} to {runs[-1]}, by mode")
+    first, last = runs[0], runs[-1]
+    some = f"{first} to {last}" if last - first < len(runs) else f"{first} to {runs[-2]} and {last}"
+    axis.set_title(f"runs {some if len(runs) > 2 else f'{first} and {last}'}, by mode")
 
 
 def _mode_look(mode: int) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
 
+from holdfast.errors import OutputError
 from holdfast.execution.simulation.settings import Outcome
 from holdfast.host.files import atomic_file
 from holdfast.maths.definitions.region import Circle, Segment, Shape
@@ -34,7 +35,7 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (
     "#999999",
 )
 LINES = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK)
-MODES = (GREEN, RED, BLUE, ORANGE, PURPLE, SKY)
+MODES = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY)
 
 OUTCOMES: dict[Outcome, str] = dict(
     zip(Outcome, (SKY, GREEN, RED, BLACK, PURPLE, ORANGE, BLUE), strict=False)
@@ -133,6 +134,12 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
     finally:
         plt.close(figure)
     return written
+
+
+def check_run(run: int, count: int) -> None:
+    """Refuse the number of a run that a result of so many does not have."""
+    if not 0 <= run < count:
+        raise OutputError(f"the result has no run {run}", expected=f"0 to {count - 1}")
 
 
 def label(symbol: str) -> str:

@@ -75,13 +75,14 @@ class PlaneLevels:
 
     names: of the constraints, and then of the goal, if it has inequalities here. values: at so many
     nodes along each side of a window, row after row, one column for each name. hidden: the others,
-    with the role of each.
+    with the role of each. unread: those of a result without a scene, as one of a file is.
     """
 
     names: tuple[str, ...]
     constraints: int
     values: Callable[[Window, int], Array]
     hidden: tuple[tuple[str, str], ...]
+    unread: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, result: Result, plane: Sequence[str]) -> PlaneLevels:
@@ -94,7 +95,11 @@ class PlaneLevels:
         at = [symbol(name) for name in plane]
         shown: dict[str, list[ZeroLevel]] = {CONSTRAINT: [], GOAL: []}
         hidden = []
-        for level in (x for x in result.scene if isinstance(x, ZeroLevel)):
+        levels = [x for x in result.scene if isinstance(x, ZeroLevel)]
+        unread = [] if levels else [str(n) for n in data["constraint_name"].values]
+        if data.attrs.get("goal") and not levels:
+            unread.append("the goal")
+        for level in levels:
             free = level.expression.free_symbols
             if free <= {*at, *numbers} and free & {*at}:
                 shown[level.role].append(level)
@@ -118,7 +123,8 @@ class PlaneLevels:
             return np.hstack(columns)
 
         names = [level.name for level in shown[CONSTRAINT]]
-        return cls((*names, *([GOAL] if shown[GOAL] else [])), len(names), values, tuple(hidden))
+        shown_names = (*names, *([GOAL] if shown[GOAL] else []))
+        return cls(shown_names, len(names), values, tuple(hidden), tuple(unread))
 
     def role(self, k: int) -> str:
         return CONSTRAINT if k < self.constraints else GOAL
@@ -195,7 +201,8 @@ class PlaneLevels:
         said = [
             f"{_listed(names)} ({why})"
             for why, names in (
-                ("beyond the frame", beyond), (f"{depend} on other states", others)
+                ("beyond the frame", beyond), (f"{depend} on other states", others),
+                ("a result file has no shapes", self.unread),
             )
             if names
         ]  # fmt: skip

@@ -242,7 +242,7 @@ class Scenario(Composed):
 
         chosen = self.figures
         assert isinstance(chosen, FiguresSpec)
-        run = min(chosen.history, answer.arrays.sizes["run"] - 1)
+        run = min(chosen.history, answer.arrays.sizes["run"] - 1)  # --runs may leave fewer
         files = []
         if self.plane is not None:
             plane = paths_figure(answer, self.plane, chosen.highlight, chosen.cones, run)
@@ -307,11 +307,17 @@ def seeded(text: str, data: dict[str, Any], seed: int | None) -> tuple[str, dict
 
 def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None) -> Scenario:
     """The scenario of tables that are checked already; `shown` is its name or file."""
-    if runs is None:
-        return _composed(shown, text, spec)
-    if runs < 1:
+    if runs is not None and runs < 1:
         raise ScenarioError(f"--runs is {runs}", expected="at least 1")
-    scenario = _composed(shown, text + f"# runs: {runs}\n", spec)
+    scenario = _composed(shown, text if runs is None else text + f"# runs: {runs}\n", spec)
+    history = spec.figures.history
+    most = max(scenario.runs, (runs or 0) * scenario.varied.turns)
+    if history >= most:
+        raise ScenarioError(
+            f"{shown}: figures.history: there is no run {history}", expected=f"0 to {most - 1}"
+        )
+    if runs is None:
+        return scenario
     states = scenario.starts.states[:runs]
     starts = replace(scenario.starts, states=states, random=runs - len(states))
     return replace(scenario, starts=starts)

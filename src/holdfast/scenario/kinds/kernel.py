@@ -142,11 +142,9 @@ class KernelScenario(SetScenario):
         from holdfast.presentation.figures import style
         from holdfast.presentation.figures.value_function import value_function_figure
 
-        about = self.about
         around: dict[str, Any] = {
-            "others": {about.name.replace("_", " "): self.begun},
-            "scene": about.scene,
-            "parameters": {q.name: q.value for q in about.parameters},
+            "others": {self.about.name.replace("_", " "): self.begun},
+            **self.drawn_around,
         }
         plane = self.figures.plane
         drawn = value_function_figure(answer.value, plane=plane, at=self.held or None, **around)

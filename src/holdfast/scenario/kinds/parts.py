@@ -81,6 +81,15 @@ class SetScenario(Composed):
         assert region is not None
         return region
 
+    @property
+    def drawn_around(self) -> dict[str, Any]:
+        """Of its figures: the shapes of the region and of what the set leads to, and parameters."""
+        regions = [r for r in (self.region, self.goal, self.origin) if r is not None]
+        return {
+            "scene": tuple(shape for r in regions for shape in r.scene),
+            "parameters": {q.name: q.value for r in regions for q in r.parameters},
+        }
+
     def trouble(self, answer: Any) -> str:
         trouble: str = answer.trouble
         return trouble
@@ -248,8 +257,7 @@ class PartsScenario(SetScenario):
                 plane=plane,
                 at=held or None,
                 others={part.about.name.replace("_", " "): begun},
-                scene=self.about.scene if in_states else (),
-                parameters={q.name: q.value for q in self.about.parameters},
+                **(self.drawn_around if in_states else {}),
             )
             files += style.write(drawn, folder, f"set_{k}")
         return files
