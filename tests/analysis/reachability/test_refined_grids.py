@@ -180,7 +180,7 @@ def test_values_at_several_times_are_those_of_the_finer_grid():
 def test_reachable_sets_are_those_of_the_finer_grid(find):
     """A cart that begins, or is to arrive, within a disk; against a disturbance it is filtered, with
     a leeway that is larger on the coarser grid."""
-    disk = hf.Region("disk", quantities("x", "v"), (hf.Inequality("disk", X**2 + V**2 - 0.1),))
+    disk = hf.Region("disk", carts.STATES, (hf.Inequality("disk", X**2 + V**2 - 0.1),))
     problem = replace(braking(), find=find, system=carts.cart(), regions=(disk,), horizon=0.5)
     problem = replace(problem, box={"x": (-1.6, 1.6), "v": (-1.6, 1.6)}, ends=None)
     fine, refined = pair(problem, (32, 32), scheme="eno2")
