@@ -333,3 +333,12 @@ def test_constraint_has_the_same_dashes_in_paths_histories_and_the_page(car):
         assert page[name] == ",".join(f"{d * 1.5:.3g}px" for d in style.DASHES[place])
     plt.close(paths)
     plt.close(histories)
+
+
+def test_line_just_beyond_the_frame_is_named_as_not_drawn(result):
+    levels = PlaneLevels.of(result, ("x", "y"))
+    lines = levels.lines((-6.0, 14.0, -6.0, 2.98))
+    assert [line.name for line in lines] == ["rock", "small_tree", "goal"]
+    assert levels.note(lines) == (
+        "not drawn: fence (beyond the frame); turned (depends on other states)"
+    )

@@ -156,6 +156,8 @@ class PlaneLevels:
                 if looked == window and {0, nodes - 1} & ends:
                     return None
                 (x0, x1), (y0, y1) = x[columns[[0, -1]]], y[rows[[0, -1]]]
+                if x1 < window[0] or x0 > window[1] or y1 < window[2] or y0 > window[3]:
+                    return None  # narrowing about a value at the edge has led out of the window
                 left, right, low, high = x0 - across, x1 + across, y0 - up, y1 + up
                 box = looked = float(left), float(right), float(low), float(high)
                 if max(len(rows), len(columns)) > nodes / 4:
