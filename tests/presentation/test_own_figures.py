@@ -310,3 +310,35 @@ def test_run_of_the_history_is_among_the_bold_paths_and_an_unknown_one_is_refuse
 def test_run_of_the_history_that_a_file_does_not_have_is_refused():
     with pytest.raises(ScenarioError, match="there is no run 9; expected 0 to 7"):
         hf.load_scenario("ch2-unicycle", ["figures.history=9", "starts.random=5"])
+
+
+def test_constraint_has_the_same_dashes_in_paths_histories_and_the_page(car):
+    region = hf.Region(
+        "field", car.states,
+        (hf.Inequality("turned", sp.Abs(PSI) - 3, "rad"), hf.Inequality("low", -1 - Y, "m"),
+         hf.Inequality("near", -1 - X, "m"), hf.Inequality("high", Y - 1, "m")),
+    )  # fmt: skip
+    result = hf.simulate(
+        car, hf.Law("sway", car.states, {"w": sp.cos(X)}), region=region, horizon=9.0,
+        starts=hf.Starts(states=({"x": 0, "y": 0.5}, {"x": -0.9, "y": -0.8})), start_outside=True,
+    )  # fmt: skip
+    paths, histories = hf.paths_figure(result), hf.histories_figure(result)
+    drawn = {n.get_label(): n for n in paths.legends[0].get_lines()}
+    curves = {n.get_label(): n for axis in histories.axes for n in axis.lines}
+    page = {t["name"]: t["line"]["dash"] for t in paths_data(result, ("x", "y"))["data"]}
+    for place, name in ((1, "low"), (3, "high")):
+        for line in (drawn[name], curves[name]):
+            _, dashes = line._unscaled_dash_pattern
+            assert tuple(dashes or ()) == style.DASHES[place]
+        assert page[name] == ",".join(f"{d * 1.5:.3g}px" for d in style.DASHES[place])
+    plt.close(paths)
+    plt.close(histories)
+
+
+def test_line_just_beyond_the_frame_is_named_as_not_drawn(result):
+    levels = PlaneLevels.of(result, ("x", "y"))
+    lines = levels.lines((-6.0, 14.0, -6.0, 2.98))
+    assert [line.name for line in lines] == ["rock", "small_tree", "goal"]
+    assert levels.note(lines) == (
+        "not drawn: fence (beyond the frame); turned (depends on other states)"
+    )

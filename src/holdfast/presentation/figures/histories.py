@@ -35,7 +35,8 @@ class Panel:
 
     nominal: the same curves as requested by the law, before its safety filter. limits: (low, high)
     of every curve, infinite without a limit. levels: horizontal lines by label. fed: whether the
-    curves are the inputs applied to the vehicle.
+    curves are the inputs applied to the vehicle. looks: the number of the look of every curve; by
+    default their order in the panel.
     """
 
     title: str
@@ -46,6 +47,7 @@ class Panel:
     limits: Array | None = None
     levels: Mapping[str, float] = field(default_factory=dict)
     fed: bool = False
+    looks: Sequence[int] = ()
 
 
 def panels(result: Result, run: int) -> list[Panel]:
@@ -58,8 +60,9 @@ def panels(result: Result, run: int) -> list[Panel]:
     if data.sizes["constraint_name"]:
         labels = [str(n).replace("_", " ") for n in data["constraint_name"].values]
         values, title = data["constraint"].values[run], "constraints (safe below 0)"
-        limited = _by_unit(title, _units(data, "constraint"), labels, values)
-        all_panels += [replace(panel, levels={"": 0.0}) for panel in limited]
+        units = _units(data, "constraint")
+        limited = zip(_by_unit(title, units, labels, values), _columns(units), strict=True)
+        all_panels += [replace(p, levels={"": 0.0}, looks=columns) for p, columns in limited]
     return all_panels + _signals(result, run)
 
 
@@ -244,10 +247,11 @@ def told(result: Result, run: int) -> str:
 
 
 def _draw(axis: Axes, panel: Panel, time: Array) -> None:
-    for i, name in enumerate(panel.names):
+    looks = panel.looks or range(len(panel.names))
+    for i, (name, k) in enumerate(zip(panel.names, looks, strict=True)):
         look: dict[str, Any] = {
-            "color": style.LINES[i % len(style.LINES)],
-            "linestyle": style.dashes(i),
+            "color": style.LINES[k % len(style.LINES)],
+            "linestyle": style.dashes(k),
         }
         axis.plot(time, panel.values[:, i], label=name, **look)
         if panel.nominal is not None:

@@ -53,10 +53,12 @@ Window = tuple[float, float, float, float]
 @dataclass(frozen=True)
 class Line:
     """A zero level in the plane, by the values around it: above 0 on the forbidden side, or outside
-    the goal. x: shape (columns,). y: shape (rows,). values: shape (rows, columns)."""
+    the goal. place: of the inequality in its region. x: shape (columns,). y: shape (rows,). values:
+    shape (rows, columns)."""
 
     role: str
     name: str
+    place: int
     x: Array
     y: Array
     values: Array
@@ -75,13 +77,15 @@ class PlaneLevels:
 
     names: of the constraints, and then of the goal, if it has inequalities here. values: at so many
     nodes along each side of a window, row after row, one column for each name. hidden: the others,
-    with the role of each. unread: those of a result without a scene, as one of a file is.
+    with the role of each. places: of the constraints in their region. unread: those of a result
+    without a scene, as one of a file is.
     """
 
     names: tuple[str, ...]
     constraints: int
     values: Callable[[Window, int], Array]
     hidden: tuple[tuple[str, str], ...]
+    places: tuple[int, ...] = ()
     unread: tuple[str, ...] = ()
 
     @classmethod
@@ -124,7 +128,9 @@ class PlaneLevels:
 
         names = [level.name for level in shown[CONSTRAINT]]
         shown_names = (*names, *([GOAL] if shown[GOAL] else []))
-        return cls(shown_names, len(names), values, tuple(hidden), tuple(unread))
+        every = [level.name for level in levels if level.role == CONSTRAINT]
+        places = tuple(every.index(name) for name in names)
+        return cls(shown_names, len(names), values, tuple(hidden), places, tuple(unread))
 
     def role(self, k: int) -> str:
         return CONSTRAINT if k < self.constraints else GOAL
@@ -150,6 +156,8 @@ class PlaneLevels:
                 if looked == window and {0, nodes - 1} & ends:
                     return None
                 (x0, x1), (y0, y1) = x[columns[[0, -1]]], y[rows[[0, -1]]]
+                if x1 < window[0] or x0 > window[1] or y1 < window[2] or y0 > window[3]:
+                    return None  # narrowing about a value at the edge has led out of the window
                 left, right, low, high = x0 - across, x1 + across, y0 - up, y1 + up
                 box = looked = float(left), float(right), float(low), float(high)
                 if max(len(rows), len(columns)) > nodes / 4:
@@ -187,7 +195,8 @@ class PlaneLevels:
                 box = (box[0] - wide, box[1] + wide, box[2] - high, box[3] + high)
             x, y, values = self._on(k, *((window, NODES) if box is None else (box, CLOSE)))
             if (values > 0).any() and (values <= 0).any():
-                lines.append(Line(self.role(k), name, x, y, values))
+                place = self.places[k] if k < self.constraints else 0
+                lines.append(Line(self.role(k), name, place, x, y, values))
         return lines
 
     def note(self, lines: Sequence[Line]) -> str:
@@ -214,9 +223,9 @@ def _listed(names: Sequence[str], most: int = 4) -> str:
     return text if len(names) <= most else f"{text} and {len(names) - most} more"
 
 
-def line_look(number: int) -> dict[str, Any]:
-    """Colour and dashes of the line of a constraint."""
-    return {"color": style.LIMIT, "linestyle": style.dashes(number), "linewidth": 1.0}
+def line_look(place: int) -> dict[str, Any]:
+    """Colour and dashes of the line of a constraint, by its place in the region."""
+    return {"color": style.LIMIT, "linestyle": style.dashes(place), "linewidth": 1.0}
 
 
 GOAL_LOOK: dict[str, Any] = {"color": style.GREEN, "linestyle": "--", "linewidth": 1.2}
@@ -233,7 +242,7 @@ def draw_lines(axis: Axes, lines: Sequence[Line], window: Window) -> list[Artist
     constraints = [line for line in lines if line.role == CONSTRAINT]
     several = len(constraints) > MOST_NAMED
     entries: list[Artist] = []
-    for number, line in enumerate(lines):
+    for line in lines:
         above = float(np.nanmax(line.values, initial=0.0, where=np.isfinite(line.values))) + 1.0
         below = float(np.nanmin(line.values, initial=0.0, where=np.isfinite(line.values))) - 1.0
         values = np.clip(line.values, below, above)
@@ -258,7 +267,7 @@ def draw_lines(axis: Axes, lines: Sequence[Line], window: Window) -> list[Artist
             )
             area.set_edgecolor(HATCHED)
             area.set_linewidth(0.0)
-            look = line_look(0 if several else number)
+            look = line_look(0 if several else line.place)
         axis.contour(
             line.x, line.y, values, levels=[0.0], colors=[look["color"]],
             linestyles=[look["linestyle"]], linewidths=look["linewidth"], zorder=1.5,

@@ -93,7 +93,7 @@ def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | 
     levels = PlaneLevels.of(result, plane)
     frame = framed(paths, result, levels, equal=equal)
     lines = levels.lines((*frame.x, *frame.y))
-    traces = [trace for k, line in enumerate(lines) for trace in _level(line, k)] + _scene(result)
+    traces = [trace for line in lines for trace in _level(line)] + _scene(result)
     shown: set[str] = set()
     for run, path in zip(chosen, paths, strict=True):
         outcome = Outcome(int(outcomes[run]))
@@ -168,12 +168,12 @@ def plotly_dash(pattern: Sequence[float], width: float) -> str:
     return ",".join(f"{part * width:.3g}px" for part in pattern) or "solid"
 
 
-def _level(level: Line, number: int) -> list[dict[str, Any]]:
+def _level(level: Line) -> list[dict[str, Any]]:
     """The pieces of a zero level, named once."""
     if level.role == GOAL:
         look = {"color": style.GREEN, "width": 1.5, "dash": plotly_dash((4, 2), 1.5)}
     else:
-        pattern = style.DASHES[number % len(style.DASHES)]
+        pattern = style.DASHES[level.place % len(style.DASHES)]
         look = {"color": style.LIMIT, "width": 1.5, "dash": plotly_dash(pattern, 1.5)}
     name = level.name.replace("_", " ")
     named = {"name": name, "legendgroup": f"{level.role} {name}"}
