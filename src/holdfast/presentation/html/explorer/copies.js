@@ -19,7 +19,10 @@ function asScenario() {
     if (of === "both" && state.values[name] !== own[name]) into(key, state.values[name]);
     if (of === "plant" && name in state.truth) into(key, state.truth[name]);
   }
-  if (!data.fixed) tables.starts = { states: [Object.fromEntries(data.states.map((q, i) => [q.name, state.start[i]]))], start_outside: true };
+  if (!data.fixed) {
+    tables.starts = { states: [Object.fromEntries(data.states.map((q, i) => [q.name, state.start[i]]))], start_outside: true };
+    if (tables.figures) delete tables.figures.history;  // there is one run
+  }
   if (data.given.some((_, k) => state.disturbance[k] !== data.disturbance[k])) {
     data.given.forEach((name, k) => into(`disturbance.${name}`, state.disturbance[k]));
   }
