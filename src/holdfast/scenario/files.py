@@ -198,7 +198,7 @@ def load_system(name: str, overrides: Iterable[str] = ()) -> System:
                 raise
             raise ScenarioError(
                 f"no system, scenario or file is called '{name}'",
-                remedy=meant(name, [*catalogue, *scenario_names()])
+                remedy=meant(name, [*catalogue, *scenario_names(), *_beside()])
                 + " (a file of your own ends in .toml)",
             ) from None
     table = data.get("system")

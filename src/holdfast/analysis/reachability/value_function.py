@@ -542,21 +542,25 @@ class ValueFunction(Value, InNotebooks):
 
         Linear between the nodes that reach the goal. NaN where the goal is not reached within the
         horizon whatever the inputs are (V <= 0), and outside the grid, where nothing is known.
-        `least_time_law` arrives in this time. Where T jumps, as beside a path that just
-        misses the goal, a state within a cell of the jump may be on its other side.
+        `least_time_law` arrives in this time. Where T jumps, as beside a path that just misses the
+        goal, a state within a cell of the jump may be on its other side.
 
         Raises `SimulationError` for a value function without times of arrival.
         """
-        if "arrival" not in self.dataset:
-            raise SimulationError(
-                "this value function has no least times",
-                expected="a capture basin of a problem that does not depend on time",
-                remedy="or compute them: arrival_steps=100",
-            )
+        self.check_times()
         points, geometry = self._points(states), self._geometry()
         weighted, share = (values_at(t, points, geometry) for t in self._arrivals())
         reached = (self.at(points) > 0) & (share > 0)
         return np.where(reached, weighted / np.where(reached, share, 1.0), np.nan)
+
+    def check_times(self) -> None:
+        """Refuse a value function without times of arrival."""
+        if "arrival" not in self.dataset:
+            raise SimulationError(
+                "this value function has no least times",
+                expected="a capture basin of a problem that does not depend on time, computed with "
+                "arrival_steps above 0",
+            )
 
     @checked
     def contains(

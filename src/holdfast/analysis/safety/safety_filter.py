@@ -144,9 +144,10 @@ def least_time_law(system: System, value: ValueFunction, *, sample_time: float =
 
     T is compared where inputs lead, since it jumps: beside a path that just misses the goal its
     slopes mean nothing. Where a path comes within a cell of a jump, or grazes the goal, the state
-    may be on the other side of it and arrive later.
-    Outside the basin it raises V. value: a capture basin with times of arrival
-    (`ValueFunction.least_time`). sample_time [s]: for how long inputs are held, of the run too.
+    may be on the other side of it and arrive later. Outside the basin it raises V.
+
+    value: a capture basin with times of arrival (`ValueFunction.least_time`). sample_time [s]: for
+    how long inputs are held, of the run too.
 
     Raises `SimulationError` for a value function without times of arrival, of another system, or of
     an empty set, for a system without bounded inputs, and for rates that are not affine in them.
@@ -158,12 +159,7 @@ def least_time_law(system: System, value: ValueFunction, *, sample_time: float =
     <Result of 1 runs: 1 reached goal>
     """
     model = decided(system, value)
-    if "arrival" not in value.dataset:
-        raise SimulationError(
-            "this value function has no least times",
-            expected="a capture basin of a problem that does not depend on time, computed with "
-            "arrival_steps above 0",
-        )
+    value.check_times()
     check_not_empty(value)
     number("sample_time is ", sample_time, "seconds, above 0", lambda v: 0 < v < math.inf)
     if not model.inputs or model.input_bounds is None or model.samples:
@@ -172,14 +168,14 @@ def least_time_law(system: System, value: ValueFunction, *, sample_time: float =
             expected="bounded inputs, in which the rates are affine",
         )
     horizon = value.report.horizon_s
-    arrival = np.ascontiguousarray(value.dataset["arrival"].values).ravel()
-    below = np.fmin(value.last().in_memory().values().ravel(), 0.0)
+    last = value.last().in_memory()
+    arrival = np.ascontiguousarray(last.dataset["arrival"].values).ravel()
+    below = np.fmin(last.values().ravel(), 0.0)
     never = horizon * (NEVER + below / min(float(below.min()), -ROUNDING))
     table = np.where(np.isfinite(arrival), -arrival, -never).astype(arrival.dtype)
-    lookup = lookup_of(value.last())
     return soonest_law(
         model,
-        on_its_grid(table, lookup, sample_time, unit="s", sloped=True),
+        on_its_grid(table, lookup_of(last), sample_time, unit="s", sloped=True),
         points=points_of(model.input_bounds, len(model.inputs)),
         disturbances=moves_of(model.disturbance_bounds, len(model.disturbances)),
         latest=float(never.max()),

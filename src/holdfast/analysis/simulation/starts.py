@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import cast
 
 import numpy as np
 
 from holdfast.arguments import Count, OfStates, RangesOfStates, checked
-from holdfast.errors import SimulationError, check_name, suggestion
+from holdfast.errors import SimulationError, check_name
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.quantity import UnitError, to_si, warn_of_turns
@@ -28,10 +27,10 @@ class Starts(Value):
     """Initial states: those that are given, then random ones.
 
     states: each a mapping, state -> its value in its unit, or a text with another, such as
-    "90 deg"; those left out are 0. random: how many,
-    uniform over the states of the box that lie in the region. box: state -> (lowest, highest);
-    those left out are 0. active: groups of names of inequalities; the random states are moved to
-    where those of a group are 0 together, the groups taking turns.
+    "90 deg"; those left out are 0. random: how many, uniform over the states of the box that lie in
+    the region. box: state -> (lowest, highest), likewise; those left out are 0. active: groups of
+    names of inequalities; the random states are moved to where those of a group are 0 together, the
+    groups taking turns.
 
     >>> start = hf.Starts(states=[{"x": 0.5}], random=3, box={"x": (-1, 1)})
     >>> hf.simulate(cart, brake, starts=start, region=track, horizon=2.0)
@@ -52,12 +51,11 @@ class Starts(Value):
         """The same in numbers; `SimulationError` for what is no value of a state, naming it."""
         units = {q.name: q.unit for q in system.states}
 
+        for name in (n for named in (*self.states, self.box) for n in named):
+            cause = f"'{name}' is not a state of system '{system.name}'"
+            check_name(name, list(units), SimulationError, cause)
+
         def number_of(name: str, value: object) -> float:
-            if name not in units:
-                raise SimulationError(
-                    f"'{name}' is not a state of system '{system.name}'",
-                    remedy=suggestion(name, list(units)),
-                )
             try:
                 return to_si(value, units[name]) if isinstance(value, str) else float(value)  # type: ignore[arg-type]
             except (UnitError, TypeError, ValueError):
@@ -67,13 +65,11 @@ class Starts(Value):
                 ) from None
 
         def ends_of(name: str, ends: object) -> tuple[float, float]:
-            pair = isinstance(ends, (tuple, list, np.ndarray)) and len(ends) == 2
-            if name in units and not pair:
+            if not (isinstance(ends, (tuple, list, np.ndarray)) and len(ends) == 2):
                 raise SimulationError(
                     f"the box of '{name}' is {ends!r}", expected="two values, (lowest, highest)"
                 )
-            low, high = cast("tuple[object, object]", ends) if pair else (0.0, 0.0)
-            return number_of(name, low), number_of(name, high)
+            return number_of(name, ends[0]), number_of(name, ends[1])
 
         return replace(
             self,

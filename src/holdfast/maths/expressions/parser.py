@@ -124,6 +124,8 @@ def parse_condition(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
     return _Translator(text, names).condition()
 
 
+ONES = (sp.S.One, sp.S.NegativeOne)
+
 ALSO = {"sign": "sgn", "ln": "log", "arctan2": "atan2", "arctan": "atan"}
 """Names that other languages have for functions."""
 
@@ -226,10 +228,10 @@ class _Translator:
             case ast.BinOp(left=left, op=operator, right=right):
                 a, b = self._value(left, depth + 1), self._value(right, depth + 1)
                 # A written factor of 1, which SymPy would drop, stays: it has a unit.
-                if isinstance(operator, ast.Mult) and not b.is_number:
-                    a = sp.Float(a) if abs(a) == 1 and a.is_number else a
-                if isinstance(operator, (ast.Mult, ast.Div)) and not a.is_number:
-                    b = sp.Float(b) if abs(b) == 1 and b.is_number else b
+                if isinstance(operator, ast.Mult) and a in ONES and not b.is_number:
+                    a = sp.Float(a)
+                elif isinstance(operator, (ast.Mult, ast.Div)) and b in ONES and not a.is_number:
+                    b = sp.Float(b)
                 return self._checked(self._binary(operator, a, b))
             case ast.Call():
                 return self._call(node, depth)
