@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -54,6 +54,10 @@ class Leaves:
         """Fill the last of the arrays, from the others; all have rows of the same length."""
         stride = columns[-1].shape[1]
         self._functions[name](*(c.ctypes.data for c in columns), stride, stride)
+
+    def function(self, name: str) -> Callable[..., None]:
+        """A leaf, which is called with addresses in place of arrays."""
+        return self._functions[name]
 
     def values(self, name: str, count: int, width: int, *arguments: Array) -> Array:
         """The results at `count` points, shape (count, width).

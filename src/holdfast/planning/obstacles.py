@@ -83,11 +83,11 @@ def obstacles(
             inequalities.append(Inequality(label, distance - away, "m", f"distance to {name}"))
 
     for name, corners in polygons.items():
-        polygon = _polygon(name, corners)
+        polygon = polygon_of(name, corners)
         clear_of(name, convex_parts(polygon), clearance_of(name))
         scene += _drawn(polygon)
     if room is not None:
-        polygon, distance = _polygon("room", room), clearance_of("room")
+        polygon, distance = polygon_of("room", room), clearance_of("room")
         hull = polygon.convex_hull
         sides = _sides(shapely.orient_polygons(hull))
         rows = [sides[k : k + 4] for k in range(0, len(sides), 4)]
@@ -137,7 +137,8 @@ def _sides(polygon: shapely.Polygon) -> list[float]:
     return [c for a, b in pairwise(points) for c in (*a, *b)]
 
 
-def _polygon(name: str, corners: Corners) -> shapely.Polygon:
+def polygon_of(name: str, corners: Corners) -> shapely.Polygon:
+    """The polygon with these corners; `DefinitionError` where it is none."""
     points = [tuple(float(c) for c in corner) for corner in corners]
     if len(points) < 3 or any(len(p) != 2 for p in points):
         raise DefinitionError(

@@ -52,7 +52,9 @@ class Measurements:
         states: tuple[str, ...],
         disturbances: tuple[str, ...],
         handed: tuple[str, ...] = (),
+        behind: int = 0,
     ) -> None:
+        """behind: numbers at the end of a row that others write."""
         all_states = [q.name for q in program.states]
         n, measured = len(all_states), program.measured
         self.states, self.disturbances, self.handed = states, disturbances, handed
@@ -61,9 +63,14 @@ class Measurements:
         whole = places == list(range(n))
         self._states: slice | list[int] = slice(0, n) if whole else places
         self._disturbances = slice(n, n + measured)
-        self._handed = slice(n + measured, len(self.row))
+        self._handed = slice(n + measured, len(self.row) - behind)
         self._ones = np.ones(len(self.row))
         self.names = (*all_states, *disturbances, *handed)
+
+    @property
+    def commanded(self) -> slice:
+        """Where the command is in a row."""
+        return self._handed
 
     def fill(self, state: Given, disturbance: Given | None, command: Given | None = None) -> bool:
         """Write the row; whether all numbers of it are finite."""
@@ -142,7 +149,7 @@ class Measurements:
         """The names of the numbers of a row that are not finite: row has the shape (numbers,)."""
         return ", ".join(
             f"{name} is {value}"
-            for name, value in zip(self.names, row, strict=True)
+            for name, value in zip(self.names, row, strict=False)
             if not math.isfinite(value)
         )
 

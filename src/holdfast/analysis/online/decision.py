@@ -66,6 +66,54 @@ class Told(NamedTuple):
         return self.names
 
 
+class Obstructs(Protocol):
+    """An obstacle: its name, and its `count` bodies as records of `execution/obstacle_pairs.py`."""
+
+    name: str
+    records: bytes
+    count: int
+
+
+class Near(NamedTuple):
+    """What was near at a sample: of every pair the gap [m] and the number of the body, in turn.
+
+    found: how many pairs there were, of which the nearest have places; -1 - k for a body k that is
+    not finite.
+    """
+
+    gaps: Array
+    found: int
+    obstacles: tuple[Obstructs, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A name for every body."""
+        named = enumerate(self.obstacles, 1)
+        return tuple(o.name or f"obstacle {k}" for k, o in named for _ in range(o.count))
+
+    def of(self, pair: int) -> tuple[str, float]:
+        """The name of the obstacle of a pair, and the gap."""
+        return self.names[int(self.gaps[2 * pair + 1])], float(self.gaps[2 * pair])
+
+    @property
+    def clearances(self) -> dict[str, float]:
+        """Obstacle -> its gap [m], for those that have a place."""
+        nearest: dict[str, float] = {}
+        names = self.names
+        for gap, number in self.gaps.reshape(-1, 2).tolist():
+            if number >= 0:
+                name = names[int(number)]
+                nearest[name] = min(gap, nearest.get(name, math.inf))
+        return nearest
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """The obstacles that have no place, since others are nearer."""
+        places = {int(number) for number in self.gaps[1::2]}
+        with_place = {name for k, name in enumerate(self.names) if k in places}
+        return tuple(n for n in dict.fromkeys(self.names) if n not in with_place)
+
+
 class Decision:
     """The answer of a safety filter at one sample.
 
@@ -78,7 +126,7 @@ class Decision:
     `Status`. why: one sentence, made when it is read.
     """
 
-    __slots__ = ("_by", "_row", "_rows", "overruled", "seen", "status", "t")
+    __slots__ = ("_by", "_row", "_rows", "near", "overruled", "seen", "status", "t")
 
     def __init__(
         self,
@@ -89,12 +137,13 @@ class Decision:
         t: float,
         seen: Array,
         by: Explains,
+        near: Near | None = None,
     ) -> None:
         """row: the numbers of a decision one after the other, shape (numbers,), where `rows` says.
         seen: what was measured, shape (measured,)."""
         row.flags.writeable = False
         self._row, self._rows, self.status, self.overruled = row, rows, status, overruled
-        self.t, self.seen, self._by = t, seen, by
+        self.t, self.seen, self._by, self.near = t, seen, by, near
 
     @property
     def input(self) -> Array:
@@ -134,6 +183,16 @@ class Decision:
         return self._by.gave_way(self) if self.status is Status.INFEASIBLE else ()
 
     @property
+    def clearances(self) -> Mapping[str, float]:
+        """Obstacle -> how far it is away, beside radii and clearance [m]; below 0 inside."""
+        return self.near.clearances if self.near else {}
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Obstacles that the filter did not count with, since so many others are nearer."""
+        return self.near.left_out if self.near else ()
+
+    @property
     def conditions(self) -> Array:
         """Of every condition sum_i n_i u_i <= b: the n_i and b in turn; then the scales. The shape
         is (conditions * (inputs + 1) + inputs,): one row for all, as the program leaves it."""
@@ -159,7 +218,7 @@ class Decision:
         """What it says, and not the filter."""
         stand_in = Told(self.value, self.why, self.gave_way)
         fields = self._row, self._rows, self.status, self.overruled, self.t, self.seen, stand_in
-        return Decision, fields
+        return Decision, (*fields, self.near)
 
     def __repr__(self) -> str:
         return f"<Decision at {self.t:g} s: {self.status.value}, input {self.input.tolist()}>"

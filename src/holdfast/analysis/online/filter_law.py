@@ -48,6 +48,7 @@ from holdfast.maths.expressions.traversal import symbols_of
 if TYPE_CHECKING:
     from holdfast.analysis.decomposition.parts_value import PartsValue
     from holdfast.analysis.online.kernel_filter import KeptKernel
+    from holdfast.analysis.online.obstacle_slots import Clearing
     from holdfast.analysis.reachability.value_function import ValueFunction
 
     Keep = ValueFunction | PartsValue | Region
@@ -55,7 +56,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Made:
-    """The law of a filter; first: the most important of what it keeps. region: of all regions.
+    """The law of a filter; first: the most important of what it keeps but obstacles that move.
+
+    region: of all regions.
 
     asked: what it asks of the region, by `asked_of`. ahead: of a kernel whose state is seen late,
     with the memory that the law reads.
@@ -63,7 +66,7 @@ class Made:
 
     system: System
     law: Law
-    first: Keep
+    first: Keep | None
     kernel: KeptKernel | None
     region: Region | None
     asked: Callable[[], list[Asked]]
@@ -79,6 +82,13 @@ class Made:
         """k1 and k2 of the conditions of regions [1/s]; None without a region."""
         numbers = {p.name: float(p.value) for p in self.law.parameters}
         return (numbers["kappa1"], numbers["kappa2"]) if "kappa1" in numbers else None
+
+    @property
+    def first_derivatives(self) -> bool:
+        """Whether it bounds first derivatives alone of the distances of obstacles that move."""
+        guard = self.law.safeguard
+        each = guard.repeated if guard else None
+        return each is not None and set(each.units) == {"m/s"}
 
     @property
     def parts(self) -> PartsValue | None:
@@ -105,6 +115,8 @@ class Made:
 
         looked_up: what the law looks up there, at the remaining time.
         """
+        if self.first is None:
+            return np.full(len(states), math.nan)
         if isinstance(self.first, Region):
             return -self._levels.values(states).max(axis=1)
         assert self.kernel is not None  # what is kept first is a kernel, the only one or the first
@@ -137,15 +149,17 @@ def filter_of(
     uncertain: Mapping[str, tuple[float, float]] | None,
     scales: Mapping[str, float] | None,
     predicts: bool,
+    clearing: Clearing | None,
 ) -> Made:
     """The law that hands on a command within what is kept; the options are of `SafetyFilter`.
 
-    predicts: whether it may predict the state over a delay.
+    predicts: whether it may predict the state over a delay. clearing: of obstacles at run time.
     """
     parts: list[Any] = list(keep) if isinstance(keep, list | tuple) else [keep]
     kernels = [_kernel(system, part, len(parts)) for part in parts if not isinstance(part, Region)]
     _check_options(
-        bool(kernels), len(kernels) < len(parts), rate=rate, margin=margin, delay=delay,
+        bool(kernels), len(kernels) < len(parts), clearing is not None, rate=rate,
+        margin=margin, delay=delay,
         ahead=ahead, gains=gains, margins=margins, constraints=constraints,
         disturbance_measured=disturbance_measured, worst=worst, uncertain=uncertain,
     )  # fmt: skip
@@ -189,12 +203,19 @@ def filter_of(
         )
 
     filters = [kept_in(part) for part in parts]
+    if clearing is not None:
+        apart = clearing.law(
+            system, command, gains=gains, disturbance_measured=disturbance_measured, worst=worst,
+            box=parameter_box(_of_system(system, uncertain), system, None), scales=scales or {},
+            sample_time=sample_time,
+        )  # fmt: skip
+        filters.insert(0, apart)
     law = in_order(filters) if len(filters) > 1 else filters[0]
     region = reduce(both, regions) if regions else None
     return Made(
         system,
         law,
-        parts[0],
+        parts[0] if parts else None,
         kernels[0] if kernels else None,
         region,
         partial(
@@ -210,6 +231,13 @@ def filter_of(
         else list,
         memories[0] if memories else None,
     )
+
+
+def _of_system(
+    system: System, uncertain: Mapping[str, tuple[float, float]] | None
+) -> Mapping[str, tuple[float, float]]:
+    names = {p.name for p in system.parameters}
+    return {name: ends for name, ends in (uncertain or {}).items() if name in names}
 
 
 def _kernel(system: System, part: Any, count: int) -> KeptKernel:
@@ -235,10 +263,17 @@ def fallback_of(system: System, fallback: Sequence[float] | None) -> tuple[Array
     return np.array(made, dtype=np.float64), np.array(limited, dtype=np.float64)
 
 
-def _check_options(kernel: bool, region: bool, **options: Any) -> None:
+def _check_options(kernel: bool, region: bool, moving: bool, **options: Any) -> None:
     """Refuse options that nothing of what is kept has."""
-    if not kernel and not region:
-        raise DefinitionError("there is nothing to keep", expected="a region or a kernel")
+    if not kernel and not region and not moving:
+        raise DefinitionError(
+            "there is nothing to keep", expected="a region, a kernel, or obstacles=..."
+        )
+    if moving and options["delay"]:
+        raise DefinitionError(
+            f"a delay of {options['delay']:g} s beside obstacles that move",
+            remedy="give obstacles their age, and a clearance for the way of the vehicle meanwhile",
+        )
     if region and not kernel and options["delay"]:
         raise DefinitionError(
             f"a delay of {options['delay']:g} s, for which a region's filter has no margin",
@@ -253,8 +288,11 @@ def _check_options(kernel: bool, region: bool, **options: Any) -> None:
         "worst": (),
         "uncertain": None,
     }
+    of_both = {"gains", "disturbance_measured", "worst", "uncertain"}
     for usual, has, whose in ((of_kernels, kernel, "region"), (of_regions, region, "kernel")):
         for name, value in usual.items():
+            if moving and name in of_both:
+                continue
             if not has and options[name] != value:
                 raise DefinitionError(f"{name} is given, which a {whose}'s filter has not")
 

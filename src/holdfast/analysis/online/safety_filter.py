@@ -29,13 +29,18 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.online.controller import Given, Measurements, Remade, time_of
-from holdfast.analysis.online.decision import Decision, Decisions, Status
+from holdfast.analysis.online.decision import Decision, Decisions, Near, Obstructs, Status
 from holdfast.analysis.online.filter_law import (
     Made,
     Reasons,
     fallback_of,
     filter_of,
     warn_of_reduction,
+)
+from holdfast.analysis.online.obstacle_slots import (
+    Clearing,
+    ObstacleSlots,
+    check_pose,
 )
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.arguments import checked, renamed
@@ -343,8 +348,9 @@ class SafetyFilter(Remade):
     def __init__(
         self,
         system: System,
-        keep: Keep | Sequence[Keep],
+        keep: Keep | Sequence[Keep] = (),
         *,
+        obstacles: int | Clearing | None = None,
         sample_time: float = 0.02,
         delay: float = 0.0,
         ahead: bool | float = True,
@@ -368,11 +374,15 @@ class SafetyFilter(Remade):
         if not (math.isfinite(sample_time) and sample_time > 0):
             raise SimulationError(f"sample_time is {sample_time}", expected="seconds, above 0")
         self.system, self.keep, self.sample_time = system, keep, float(sample_time)
+        clearing = None
+        if obstacles is not None:
+            clearing = (Clearing(obstacles) if isinstance(obstacles, int) else obstacles).of(system)
+        self.clearing = clearing
         made = filter_of(
             system, keep, delay=delay, ahead=ahead, sample_time=self.sample_time, rate=rate,
             margin=margin, gains=gains, margins=margins, constraints=constraints,
             disturbance_measured=disturbance_measured, worst=worst, uncertain=uncertain,
-            scales=scales, predicts=states is None,
+            scales=scales, predicts=states is None, clearing=clearing,
         )  # fmt: skip
         if made.kernel is not None:
             made.kernel.check_around(system, states, rates)
@@ -404,10 +414,13 @@ class SafetyFilter(Remade):
         self._samples = ControlSamples(self._program, self.sample_time)
         self._many: ControlSamples | None = None
         felt = tuple(q.name for q in system.disturbances if q.name in {r.name for r in law.reads})
+        measured = tuple(system.state_names if states is None else states)
         self._told = Measurements(
-            self._program, tuple(system.state_names if states is None else states), felt,
-            system.input_names,
+            self._program, measured, felt, system.input_names, self._pairs_handed
         )  # fmt: skip
+        if clearing is not None:
+            check_pose(clearing, measured)
+            self._slots = ObstacleSlots(system, clearing, made.first_derivatives)
         self._count = self._of_many = 0
         self._fallback = fallback_of(system, fallback)
         self._made = made
@@ -444,6 +457,7 @@ class SafetyFilter(Remade):
         command: Given,
         t: float | None = None,
         disturbance: Given | None = None,
+        obstacles: Sequence[Obstructs] | None = None,
     ) -> Decision:
         """The decision on a command [units of the inputs] at a measured state.
 
@@ -456,16 +470,25 @@ class SafetyFilter(Remade):
         finite = readings.fill(state, disturbance, command)
         t = time_of(t, self._count, self.sample_time)
         self._count += 1
+        near = None
+        if self.clearing is not None and finite:
+            near = self._near(readings.row, obstacles)
+            finite = near.found >= 0
+        elif obstacles is not None and self.clearing is None:
+            raise SimulationError(
+                "obstacles are given to a filter without room for any",
+                remedy="make it with obstacles=20, as many as it is to count with",
+            )
         seen = readings.row.copy()
         if not (finite and math.isfinite(t)):
-            return self._refused(t, seen)
+            return self._refused(t, seen, near)
         samples = self._samples
         row = samples.answer(t, seen)
         rows, values = samples.rows, row.tolist()
         applied, wanted = values[rows.command], values[rows.nominal]
         if not math.isfinite(sum(applied)) or math.isnan(values[rows.slack]):
             samples.forget()
-            return self._refused(t, seen)
+            return self._refused(t, seen, near)
         changed = applied != wanted
         if self._past(t) or not math.isnan(values[rows.outside]) or self._beyond(seen):
             status = Status.OUTSIDE_GRID
@@ -473,7 +496,23 @@ class SafetyFilter(Remade):
             status = Status.INFEASIBLE
         else:
             status = Status.CHANGED if changed else Status.PASSED
-        return Decision(row, rows, status, values[rows.overruled] != 0.0, t, seen, self)
+        return Decision(row, rows, status, values[rows.overruled] != 0.0, t, seen, self, near)
+
+    def _near(self, row: Array, obstacles: Sequence[Obstructs] | None) -> Near:
+        """Hand the nearest pairs of obstacles over, in a row of what is seen; what was near."""
+        if obstacles is None:
+            raise SimulationError(
+                "the obstacles are None", expected="obstacles=[...], of hf.Obstacle; none is []"
+            )
+        slots = self._slots
+        found = slots.fill(row[: len(self.system.states)], obstacles)
+        row[len(row) - len(slots.pairs) :] = slots.pairs
+        return Near(slots.near.copy(), found, tuple(obstacles))
+
+    @property
+    def _pairs_handed(self) -> int:
+        things, numbers, _ = self._program.things
+        return things * numbers
 
     def step_many(
         self,
@@ -657,12 +696,12 @@ class SafetyFilter(Remade):
             of_sent |= self._made.ahead.memory.following.keys()
         return not of_sent.issuperset(self._program.remembered)
 
-    def _refused(self, t: float, seen: Array) -> Decision:
+    def _refused(self, t: float, seen: Array, near: Near | None = None) -> Decision:
         if self._program.remembered:
             if not self.observes:
                 self._samples.begin(t)  # what is sent is remembered from here on
             self._samples.remember_all(self._sent_instead(self._samples.memory))
-        return self._nothing_from(t, seen)
+        return self._nothing_from(t, seen, near)
 
     def _sent_instead(self, memory: Array) -> Array:
         """What is remembered, of each vehicle, where the fallback was sent."""
@@ -686,14 +725,14 @@ class SafetyFilter(Remade):
         symbols += [q.symbol for q in self.system.inputs]
         return Evaluator(list(self._made.ahead.memory.following.values()), symbols, ())
 
-    def _nothing_from(self, t: float, seen: Array) -> Decision:
+    def _nothing_from(self, t: float, seen: Array, near: Near | None = None) -> Decision:
         rows, readings = self._samples.rows, self._told
         row = self._samples.nothing()
         row[rows.command] = row[rows.input] = self._fallback[0]
         row[rows.actuators] = self._fallback[1]
-        row[rows.nominal] = seen[len(seen) - len(readings.handed) :]
+        row[rows.nominal] = seen[readings.commanded]
         row[rows.slack], row[rows.overruled] = 0.0, 1.0
-        return Decision(row, rows, Status.NOT_A_NUMBER, True, t, seen, self)
+        return Decision(row, rows, Status.NOT_A_NUMBER, True, t, seen, self, near)
 
 
 _STATUSES = tuple(Status)

@@ -338,6 +338,8 @@ def felt_disturbance(
 
 PREPARED, SHARED = "prepared", "shared"
 COSTLY = frozenset(("div", "sqrt", "rare"))
+REPEATED = "repeated"
+"""A user of values at a sample that is several."""
 FEW = 2
 """Operations that are not worth a row."""
 
@@ -352,7 +354,7 @@ def with_shared_rows(
 
     prepared: the leaves whose parameters are rows of a block; moving: inputs among the parameters
     that change during a run. users: the leaves that are computed
-    at a sample, each with who uses it; what two users need is shared.
+    at a sample, each with who uses it; what two users need is shared, or one that is `REPEATED`.
     """
     rewritten = dict(leaves)
     steps = next(iter(leaves.values())).steps
@@ -367,7 +369,11 @@ def with_shared_rows(
     for name in sharing:
         for k in _needed(rewritten[name]):
             by[k].add(users[name])
-    common = {k for k, owners in by.items() if len(owners) > 1 and "x" not in about.reads[k]}
+    common = {
+        k
+        for k, owners in by.items()
+        if (len(owners) > 1 or REPEATED in owners) and "x" not in about.reads[k]
+    }
     _cut(rewritten, sharing, common, about, SHARED, "q", ("t", "q", "p"))
     return rewritten
 
@@ -443,7 +449,9 @@ class ClosedLoopProgram:
     conditions_of_modes: how many conditions its safeguard has, and how many are hard;
     levels_of_modes: where its levels of priority end; foresight_of_modes: `Foresight.counts`.
     measured: how many disturbances the law measures; handed: what others hand it at every
-    sample; limited: how many values its actuators have.
+    sample; things: of those that its safeguard has repeated conditions for, of which the numbers
+    are handed last, how many there are at most, the numbers and the conditions of one; limited: how
+    many values its actuators have.
     places: how many axes its table has; timed: whether the first of them is the remaining time.
     found: how many numbers a look-up finds; hold: the sampling period that a table of cells is for.
     given: numbers that follow the parameters, those of the disturbances; in_run, bounded: see
@@ -460,6 +468,7 @@ class ClosedLoopProgram:
     foresight_of_modes: tuple[tuple[int, ...], ...]
     measured: int
     handed: tuple[str, ...]
+    things: tuple[int, int, int]
     limited: int
     timed: bool
     places: int
@@ -622,6 +631,7 @@ def closed_loop_program(
         measured=len(measured),
         measures_process=any(e.free_symbols & felt.processes.keys() for e in measured),
         handed=tuple(q.name for q in controller.handed),
+        things=_things(guards),
         limited=len(controller.requested),
         timed=bool(lookup and lookup.timed),
         stepper=stepper,
@@ -655,6 +665,14 @@ def closed_loop_program(
     )
 
 
+def _things(guards: Mapping[str, Safeguard]) -> tuple[int, int, int]:
+    """How many things the safeguards repeat conditions for, their numbers, their conditions."""
+    for guard in guards.values():
+        if each := guard.repeated:
+            return each.count, len(each.numbers), each.conditions
+    return 0, 0, 0
+
+
 def _check_still(region: Region, varied: Varied) -> None:
     """Refuse to vary what the region is made of: starts are drawn in one and the same region."""
     used = set().union(*(x.expression.free_symbols for x in region.inequalities))
@@ -684,6 +702,7 @@ def _leaves(
     | begin | time | seen | | believed | the first memory |
     | places | time | seen | | believed | where the law looks up its table |
     | law k | time | seen | found in the table | believed | command, conditions, scales |
+    | thing k | time | seen | numbers of a thing | believed | its conditions |
     | guards k | time | seen | time in the mode | believed | levels |
     | signals | time | seen | found in the table | believed | signals |
     | actuate | | command | believed | of the plant | requested, limited, input |
@@ -742,6 +761,8 @@ def _leaves(
         guard = controller.safeguards.get(mode)
         rows = guard.rows(system.input_names) if guard else []
         leaves[f"law{number}"] = leaf([*controller.commands(mode), *rows], seen, look)
+        if guard and (each := guard.repeated):
+            leaves[f"thing{number}"] = leaf(each.rows, seen, each.numbers)
         levels = [when for when, _ in controller.transitions.get(mode, ())]
         leaves[f"guards{number}"] = leaf(levels, seen, (TIME_IN_MODE,))
     leaves = {name: one for name, one in leaves.items() if one.results}
@@ -750,6 +771,7 @@ def _leaves(
     numbers = range(len(controller.modes))
     users: dict[str, object] = {f"{kind}{k}": k for kind in ("law", "guards") for k in numbers}
     users |= {name: name for name in ("places", "signals", "remember")}
+    users |= {f"thing{k}": REPEATED for k in numbers}
     leaves = with_shared_rows(leaves, (*plant, *users), users, moving)
     if felt.processes:
         leaves["wander"] = _wander(felt.processes, p)

@@ -561,7 +561,7 @@ def called(file: str, name: str, *arguments: Any) -> Any:
             raise TypeError(f"'{parameter}' of '{name}' is {argument.dtype}, not {kind}")
         single |= kind == TABLE and argument.dtype == np.float32
         passed.append(argument.ctypes.data)
-    return _function(file, name, single)(*passed)
+    return compiled(file, name, single)(*passed)
 
 
 def address(file: str, name: str, *, single: bool = False) -> int:
@@ -570,7 +570,8 @@ def address(file: str, name: str, *, single: bool = False) -> int:
 
 
 @cache
-def _function(file: str, name: str, single: bool) -> Callable[..., Any]:
+def compiled(file: str, name: str, single: bool = False) -> Callable[..., Any]:
+    """A function of a file of `holdfast.execution`, which is given the addresses of arrays."""
     function = scalars(file).functions[name]
     kinds: list[Any] = [_TYPES.get(kind, ctypes.c_void_p) for kind in function.parameters.values()]
     return ctypes.CFUNCTYPE(_TYPES[function.result], *kinds)(address(file, name, single=single))

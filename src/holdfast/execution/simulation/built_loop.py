@@ -79,6 +79,9 @@ class Shape(NamedTuple):
     wandering: int
     bounded: int
     handed: int
+    things: int
+    numbers_of_thing: int
+    conditions_of_thing: int
     remembered: int
     shared: int
     places: int
@@ -110,6 +113,9 @@ def shape_of(program: ClosedLoopProgram, width: int = WIDTH) -> Shape:
         wandering=program.wandering,
         bounded=program.bounded,
         handed=len(program.handed),
+        things=program.things[0],
+        numbers_of_thing=program.things[1],
+        conditions_of_thing=program.things[2],
         remembered=len(program.remembered),
         shared=program.shared,
         places=program.places,
@@ -312,12 +318,16 @@ def fixed_for(shape: Shape, layout: Layout, kind: Kind, stoppable: bool = True) 
     blended = shape.modes > 1 or shape.safeguarded
     single = SINGLE if shape.single else ""
     adaptive = shape.stepper.adaptive
+    things, row = shape.things * shape.numbers_of_thing, (shape.inputs + 1) * width
     places = at | {
         "size": layout.size, "entries": layout.entries, "felt": at["seen"] + n * width,
         "inner_felt": at["inner"] + n * width,
         "remembered": at["seen"] + (n + shape.measured + shape.handed) * width,
         "shared": (counts["seen"] - shape.shared) * width,
         "answered": at["answer" if blended else "command"],
+        "things": (n + shape.measured + shape.handed - things) * width,
+        "thing": shape.numbers_of_thing * width,
+        "thing_rows": shape.conditions_of_thing * row,
         "produced": at["actuation"] + 2 * shape.limited * width,
         "wander": layout.recorded.get("wander", (0, 0))[0],
         "table": layout.tables[0], "other_table": layout.tables[1],
@@ -334,6 +344,7 @@ def fixed_for(shape: Shape, layout: Layout, kind: Kind, stoppable: bool = True) 
         "shape.turns": any(shape.targets),
         "shape.guarded": tuple(len(targets) for targets in shape.targets),
         "shape.safeguards": tuple(layout.safeguards.get(k, 0) for k in range(shape.modes)),
+        "shape.things_at": tuple(shape.inputs * width + hard * row for _, hard in shape.conditions),
         "shape.records": len(rows), "shape.recorded": tuple(place for place, _ in rows),
         "shape.rows": tuple(count for _, count in rows),
         "names.keep": f"keep_lanes{single}",

@@ -148,6 +148,12 @@ def command(w: Floats, s: Wholes, leaves: Wholes, t: int, seen: int):
     for k in each(shape.modes):
         if shape.modes == 1 or any_lane(w, at.in_modes + k * shape.width, shape.width):
             leaf("law", k, t=t, q=seen, x=at.look, p=at.gains, out=at.answered)
+            if shape.things:
+                for thing in range(shape.things):
+                    numbers = seen + at.things + thing * at.thing
+                    if any_lane(w, numbers, shape.width):
+                        place = at.answered + shape.things_at[k] + thing * at.thing_rows
+                        leaf("thing", k, t=t, q=seen, x=numbers, p=at.gains, out=place)
             if shape.blended:
                 leaf("blend", k, t=at.mode, q=at.command, x=at.answer, out=at.command)
             if shape.safeguards[k]:

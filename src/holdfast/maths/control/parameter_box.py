@@ -79,7 +79,7 @@ class ParameterBox:
 
 
 def parameter_box(
-    uncertain: Mapping[str, tuple[float, float]] | None, system: System, region: Region
+    uncertain: Mapping[str, tuple[float, float]] | None, system: System, region: Region | None
 ) -> ParameterBox:
     """The box of the named ranges (least, most), in the unit of each parameter.
 
@@ -91,7 +91,8 @@ def parameter_box(
         raise DefinitionError(
             f"uncertain of the safeguard is {uncertain!r}", expected="names to ranges [least, most]"
         )
-    parameters = {p.name: p for p in (*system.parameters, *region.parameters)}
+    of_region = region.parameters if region else ()
+    parameters = {p.name: p for p in (*system.parameters, *of_region)}
     chosen, ends = [], []
     for name, limits in (uncertain or {}).items():
         if name not in parameters:

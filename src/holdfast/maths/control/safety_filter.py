@@ -208,7 +208,7 @@ def in_order(filters: Sequence[Law]) -> Law:
             raise DefinitionError(f"law '{law.name}' has no safety filter")
         guards.append(law.safeguard)
     first = filters[0]
-    if any(law.outputs != first.outputs or law.handed != first.handed for law in filters):
+    if any(law.outputs != first.outputs or law.handed != filters[-1].handed for law in filters[1:]):
         raise DefinitionError("the filters are of different laws", expected="of one and the same")
     hard = guards[0].hard
     for guard in guards:
@@ -216,6 +216,8 @@ def in_order(filters: Sequence[Law]) -> Law:
         of_first = [guards[0].offsets[:hard], *(n[:hard] for n in guards[0].normals.values())]
         if guard.hard != hard or bounds != of_first or guard.scales != guards[0].scales:
             raise DefinitionError("the filters have different bounds or scales of the inputs")
+    if any(guard.repeated for guard in guards[1:]):
+        raise DefinitionError("moving obstacles are not first", expected="them before all others")
     tables = [law.lookup for law in filters if law.lookup is not None]
     if len(tables) > 1:
         raise DefinitionError("there is more than one kernel", expected="one, and regions")
@@ -243,6 +245,7 @@ def in_order(filters: Sequence[Law]) -> Law:
             tuple(n for g in guards for n in g.names),
             _levels([len(g.offsets) - hard for g in guards]),
             next((_placed(g.foresight, k) for k, g in enumerate(guards) if g.foresight), None),
+            guards[0].repeated,
         ),
     )
 

@@ -325,6 +325,31 @@ class Foresight(Value):
         )
 
 
+@dataclass(frozen=True)
+class Repeated(Value):
+    """Conditions that are one function of numbers that are handed over, for each of `count` things.
+
+    rows: normal and offset of each condition in turn, with `numbers`, the symbols of one thing.
+    The law is handed the numbers of all things, one thing after the other, behind what else it is
+    handed: the first number of one says whether there is such a thing. units: of the offset of each
+    condition.
+    """
+
+    numbers: tuple[sp.Symbol, ...]
+    rows: tuple[sp.Expr, ...]
+    units: tuple[str, ...]
+    count: int
+
+    @property
+    def conditions(self) -> int:
+        """Those of one thing."""
+        return len(self.units)
+
+    def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Repeated:
+        """The same with symbols replaced."""
+        return replace(self, rows=tuple(e.xreplace(values) for e in self.rows))
+
+
 @checked
 @dataclass(frozen=True)
 class Safeguard(Value):
@@ -336,7 +361,8 @@ class Safeguard(Value):
     `names`: the inequality that each comes from. Its expressions may use `SAMPLE_TIME`.
     `levels`: how many relaxed conditions each level of priority has, the most important first;
     where not all can be met the last level gives way first. By default there is one level.
-    foresight: a condition that is no half-space.
+    foresight: a condition that is no half-space. repeated: the conditions that take the place of
+    the first ones behind the hard ones, which are met by any input where nothing is there.
 
     Raises `DefinitionError` for more levels than `MOST_LEVELS`.
     """
@@ -349,6 +375,7 @@ class Safeguard(Value):
     names: tuple[str, ...] = ()
     levels: tuple[int, ...] = ()
     foresight: Foresight | None = None
+    repeated: Repeated | None = None
 
     def __post_init__(self) -> None:
         if len(self.levels) > MOST_LEVELS:
@@ -363,7 +390,8 @@ class Safeguard(Value):
         """Every expression of it."""
         entries = (e for row in self.normals.values() for e in row)
         more = self.foresight.expressions if self.foresight else ()
-        return (*entries, *self.offsets, *self.scales.values(), *more)
+        each = self.repeated.rows if self.repeated else ()
+        return (*entries, *self.offsets, *self.scales.values(), *more, *each)
 
     def rows(self, inputs: Sequence[str]) -> list[sp.Expr]:
         """The normal and the offset of every half-space in turn, the scales, the foresight."""
@@ -383,6 +411,7 @@ class Safeguard(Value):
             self.names,
             self.levels,
             self.foresight.subs(values) if self.foresight else None,
+            self.repeated.subs(values) if self.repeated else None,
         )
 
     @property
@@ -463,9 +492,10 @@ class Law(Printed):
         check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
         check_symbols({f"belief of '{k}'": e for k, e in self.believed.items()}, allowed, owner)
         if self.safeguard is not None:
+            each = self.safeguard.repeated
             check_symbols(
                 {f"safeguard {i}": e for i, e in enumerate(self.safeguard.expressions)},
-                [*allowed, SAMPLE_TIME],
+                [*allowed, SAMPLE_TIME, *(each.numbers if each else ())],
                 owner,
             )
         if written_by_user():

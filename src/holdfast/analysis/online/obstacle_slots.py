@@ -1,0 +1,214 @@
+"""What a filter is handed of obstacles that move: the nearest pairs of discs at a sample.
+
+The pairs are found by compiled code (`execution/obstacle_pairs.py`), into memory that is made once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from holdfast.analysis.online.decision import Obstructs
+from holdfast.errors import DefinitionError, SimulationError, check_name
+from holdfast.execution.arrays import Array
+from holdfast.execution.codegen.llvm_text import LANES
+from holdfast.execution.codegen.lowering import leaf_of
+from holdfast.execution.codegen.scalar_llvm import compiled
+from holdfast.execution.leaf import compiled_leaves
+from holdfast.execution.obstacle_pairs import PAIR, PART
+from holdfast.maths.control.moving_obstacles import avoiding, both_ways
+from holdfast.maths.control.parameter_box import ParameterBox
+from holdfast.maths.definitions.extension import steady_bounds
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.value import Value
+
+
+@dataclass(frozen=True)
+class Clearing(Value):
+    """How a filter keeps clear of obstacles that `step` is given: `hf.Obstacles` has the words.
+
+    parts: of the hull, each its corners (x, y) and a radius.
+    """
+
+    most: int
+    parts: tuple[tuple[tuple[tuple[float, float], ...], float], ...] = ((((0.0, 0.0),), 0.0),)
+    lead: float | None = None
+    clearance: float = 0.0
+    position: tuple[str, str] = ("x", "y")
+    heading: str | None = None
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.most, int) and 1 <= self.most <= MOST):
+            raise DefinitionError(f"{self.most!r} obstacles", expected=f"a number from 1 to {MOST}")
+
+    @property
+    def pairs(self) -> int:
+        """The pairs of discs that are handed over: of an obstacle one for a corner of the hull."""
+        return self.most * sum(len(corners) for corners, _ in self.parts)
+
+    def of(self, system: System) -> Clearing:
+        """The same with a heading, and with the lead that a hull of one disc needs.
+
+        Raises `DefinitionError` for names that are no states, and where no lead is at hand.
+        """
+        names = system.state_names
+        for name in (*self.position, *([self.heading] if self.heading else [])):
+            check_name(name, names, DefinitionError, f"'{name}' is no state of '{system.name}'")
+        heading = self.heading
+        if heading is None:
+            angles = [q.name for q in system.states if q.angle]
+            heading = "psi" if "psi" in angles else angles[0] if angles else ""
+        parts, lead = self.parts, self.lead
+        ((x, y), *more), radius = parts[0]
+        if len(parts) == 1 and not more and (x, y) == (0.0, 0.0) and heading:
+            if lead is None:
+                lead = usual_lead(system, self.position, heading)
+            if lead:
+                parts = ((((lead, 0.0),), radius + lead),)
+        for corners, _ in parts:
+            for ahead, left in corners:
+                if not both_ways(system, self.position, heading, (ahead, left)):
+                    raise DefinitionError(
+                        f"the inputs of '{system.name}' move the point ({ahead:g}, {left:g}) "
+                        "of the hull along one line alone",
+                        expected="points that can be moved both ways, as those ahead of an axle",
+                        remedy="give a lead, or corners that are not beside the axle",
+                    )
+        return Clearing(self.most, parts, lead, self.clearance, self.position, heading)
+
+    def law(
+        self,
+        system: System,
+        law: Law,
+        *,
+        gains: tuple[float, float] | None,
+        disturbance_measured: bool,
+        worst: Sequence[str],
+        box: ParameterBox,
+        scales: Mapping[str, float],
+        sample_time: float,
+    ) -> Law:
+        """`law` with the filter, which is handed the numbers of the pairs."""
+        return avoiding(
+            system, law, self.pairs, self.position, self.heading or "", gains=gains,
+            disturbance_measured=disturbance_measured, worst=worst, box=box, scales=scales,
+            sample_time=sample_time,
+        )  # fmt: skip
+
+
+MOST = 1000
+"""Obstacles at a time."""
+
+
+def usual_lead(system: System, position: tuple[str, str], heading: str) -> float:
+    """How far ahead the point is that keeps clear: 0 where the inputs move the axis both ways.
+
+    Else it is the largest speed over the largest rate of turn, so that turning alone evades what
+    comes from abeam at any speed of the vehicle.
+    """
+    if both_ways(system, position, heading, (0.0, 0.0)):
+        return 0.0
+    ahead = {s.symbol: sp.S.Zero for s in system.states if s.name == heading}
+    try:
+        speed = _most(system, sp.sympify(system.rates[position[0]]).xreplace(ahead))
+        turn = _most(system, sp.sympify(system.rates[heading]))
+    except DefinitionError:
+        speed = turn = 0.0
+    if not (speed > 0.0 and turn > 0.0):
+        raise DefinitionError(
+            f"the speed and the rate of turn of '{system.name}' have no bounds at hand",
+            remedy="give a lead [m]: hf.Obstacles(20, lead=...), above the speed of the obstacles "
+            "over the largest rate of turn",
+        )
+    return speed / turn
+
+
+def _most(system: System, rate: sp.Expr) -> float:
+    """The largest value of a rate that inputs set, or a state that inputs hold, in still water."""
+    values = {p.symbol: sp.Float(p.value) for p in system.parameters}
+    still = {q.symbol: sp.S.Zero for q in system.disturbances}
+    rate = rate.xreplace(still)
+    inputs = [q.symbol for q in system.inputs]
+    states = {q.symbol: q.name for q in system.states if rate.diff(q.symbol) != 0}
+    if rate.free_symbols & set(inputs):
+        if system.input_bounds is None:
+            return 0.0
+        rest = dict.fromkeys(states, sp.S.Zero)
+        weights = [rate.diff(u).xreplace(rest) for u in inputs]
+        return float(system.input_bounds.support(weights, 1)[0].xreplace(values))
+    most = 0.0
+    for state, name in states.items():
+        slope = rate.diff(state).xreplace(dict.fromkeys(states, sp.S.Zero) | values)
+        if slope.is_number and slope != 0:
+            most += abs(float(slope)) * float(steady_bounds(system, (name,)).upper[0])
+    return most
+
+
+class ObstacleSlots:
+    """The places of the pairs, which are filled at every sample.
+
+    first: whether the conditions bound a first derivative (`find_pairs`).
+    """
+
+    def __init__(self, system: System, clearing: Clearing, first: bool) -> None:
+        self.clearing, self.first, self.most = clearing, first, clearing.pairs
+        symbols = {q.name: q.symbol for q in system.states}
+        angle = symbols[clearing.heading] if clearing.heading else sp.S.Zero
+        place = [symbols[n] for n in clearing.position]
+        leaf = leaf_of({"q": list(symbols.values())}, [*place, sp.cos(angle), sp.sin(angle)])
+        self._leaves = compiled_leaves({"pose": leaf})
+        self._pose_of: Callable[..., None] = self._leaves.function("pose")
+        self._find = compiled("obstacle_pairs", "find_pairs")
+        self._hull = np.array(hull_numbers(clearing), dtype=np.float64)
+        self._states = np.zeros((len(symbols), LANES))
+        self._poses = np.zeros((4, LANES))
+        self._parts = len(clearing.parts)
+        self.pairs, self.near = np.zeros(self.most * PAIR), np.zeros(2 * self.most)
+        self._touch = np.zeros(6)
+        self._at: Any = tuple(
+            a.ctypes.data
+            for a in (self._states, self._poses, self._hull, self.pairs, self.near,
+                      self._touch)
+        )  # fmt: skip
+
+    def fill(self, state: Array, obstacles: Sequence[Obstructs]) -> int:
+        """Fill the pairs at a state; how many there are, or -1 - k for a faulty obstacle k. state:
+        shape (states,)."""
+        try:
+            records = b"".join([o.records for o in obstacles])
+        except (TypeError, AttributeError):
+            raise SimulationError(
+                f"the obstacles are {obstacles!r}"[:80], expected="a list of hf.Obstacle"
+            ) from None
+        states, poses, hull, pairs, near, touch = self._at
+        self._states[:] = state[:, np.newaxis]
+        self._pose_of(states, poses, LANES, LANES)
+        found: int = self._find(
+            hull, self._parts, poses, LANES, records, len(records) // 8, self.most,
+            self.clearing.clearance, self.first, pairs, near, touch,
+        )  # fmt: skip
+        return found
+
+
+def check_pose(clearing: Clearing, measured: Sequence[str]) -> None:
+    """Refuse a filter that does not measure where the vehicle is."""
+    wanted = (*clearing.position, *([clearing.heading] if clearing.heading else []))
+    if missing := [name for name in wanted if name not in measured]:
+        raise DefinitionError(
+            f"'{missing[0]}' is not measured, and obstacles are kept clear of by it",
+            expected=f"states={', '.join(wanted)} and others",
+        )
+
+
+def hull_numbers(clearing: Clearing) -> list[float]:
+    """The hull in the layout of `execution/obstacle_pairs.py`."""
+    numbers: list[float] = []
+    for corners, radius in clearing.parts:
+        numbers += [float(len(corners)), radius, *(x for corner in corners for x in corner)]
+    assert len(numbers) == sum(PART + 2 * len(corners) for corners, _ in clearing.parts)
+    return numbers

@@ -1,0 +1,224 @@
+"""Obstacles that are known at run time: what a safety filter is told of them at a sample.
+
+Shapes become corners and a radius: a disc, a capsule, the convex parts of a polygon.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import shapely
+
+from holdfast.analysis.online.obstacle_slots import Clearing
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.value import Value
+from holdfast.planning.obstacles import convex_parts, polygon_of
+
+Point = Sequence[float]
+
+SIDES_OF_ELLIPSE = 24
+"""The polygon around an ellipse: it is outside by at most 1 - cos(pi / 24) = .9 % of an axis."""
+
+
+@checked
+@dataclass(frozen=True)
+class Obstacle(Value):
+    """Something in the plane that a vehicle keeps clear of: `SafetyFilter.step(obstacles=[...])`.
+
+    Made by `Obstacle.disc`, `ellipse`, `capsule` and `polygon`, whose keywords are these:
+
+    velocity [m/s]: (vx, vy), by default it stands. acceleration [m/s^2]: how fast the velocity may
+    change, in any direction. velocity_error [m/s]: by how much the velocity may be another.
+    age [s]: how old the numbers are: it has moved on since, and is grown by what it may have done
+    meanwhile. share: the part of a condition that this vehicle meets; 1, or 1/2 for another vehicle
+    that surely filters with the other half. name: for `Decision.why`.
+
+    bodies: of each its corners (x, y) [m] in the order of its outline, and the radius [m] around
+    them. A number that is not finite is no error here: `step` then answers NOT_A_NUMBER.
+
+    Raises `DefinitionError` for a shape that is none, a negative number where none can be, and a
+    share that is not above 0 and up to 1.
+
+    >>> hf.Obstacle.disc((2, 1), 0.4, velocity=(-0.3, 0), name="buoy").count
+    1
+    """
+
+    bodies: tuple[tuple[tuple[tuple[float, float], ...], float], ...]
+    velocity: tuple[float, float] = (0.0, 0.0)
+    acceleration: float = 0.0
+    velocity_error: float = 0.0
+    age: float = 0.0
+    share: float = 1.0
+    name: str = ""
+    records: bytes = field(init=False, repr=False, compare=False, default=b"")
+
+    def __post_init__(self) -> None:
+        numbers = {
+            "acceleration": self.acceleration, "velocity_error": self.velocity_error,
+            "age": self.age,
+        }  # fmt: skip
+        for name, value in numbers.items():
+            if value < 0:
+                raise DefinitionError(f"{name} of an obstacle is {value:g}", expected="0 or more")
+        if not 0 < self.share <= 1:
+            raise DefinitionError(
+                f"share of an obstacle is {self.share:g}", expected="a number above 0, up to 1"
+            )
+        if len(self.velocity) != 2:
+            raise DefinitionError(f"velocity of an obstacle is {self.velocity!r}", expected="two")
+        if any(radius < 0 for _, radius in self.bodies):
+            raise DefinitionError("the radius of an obstacle is below 0", expected="0 or more")
+        object.__setattr__(self, "records", self._records())
+
+    @property
+    def count(self) -> int:
+        """The convex bodies that it is made of."""
+        return len(self.bodies)
+
+    def _records(self) -> bytes:
+        """In the layout of `execution/obstacle_pairs.py`."""
+        said = (*self.velocity, self.acceleration, self.share, self.age, self.velocity_error)
+        return b"".join(
+            struct.pack(
+                f"<{8 + 2 * len(corners)}d", len(corners), radius, *said,
+                *(x for corner in corners for x in corner),
+            )
+            for corners, radius in self.bodies
+        )  # fmt: skip
+
+    @classmethod
+    def disc(cls, centre: Point, radius: float, **motion: Any) -> Self:
+        """A disc. centre: (x, y) [m]. radius [m]. motion: the keywords of `Obstacle`.
+
+        >>> hf.Obstacle.disc((2, 1), 0.4).bodies
+        ((((2.0, 1.0),), 0.4),)
+        """
+        return cls((((_point(centre),), float(radius)),), **motion)
+
+    @classmethod
+    def capsule(cls, start: Point, end: Point, radius: float, **motion: Any) -> Self:
+        """The points within a radius of a line. start, end: (x, y) [m]. radius [m].
+
+        motion: the keywords of `Obstacle`.
+
+        >>> hf.Obstacle.capsule((0, 2), (3, 2), 0.1, name="boom").count
+        1
+        """
+        return cls((((_point(start), _point(end)), float(radius)),), **motion)
+
+    @classmethod
+    def polygon(cls, corners: Sequence[Point], radius: float = 0.0, **motion: Any) -> Self:
+        """A polygon. corners: (x, y) [m] in order, not closed. radius [m]: around it.
+
+        motion: the keywords of `Obstacle`. One that is not convex becomes convex parts, each of
+        which is an obstacle of its own in the count of a filter.
+
+        >>> hf.Obstacle.polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]).count
+        2
+        """
+        points = [_point(corner) for corner in corners]
+        if not all(math.isfinite(x) for point in points for x in point):
+            return cls(((tuple(points), float(radius)),), **motion)
+        shape = polygon_of(motion.get("name") or "of an obstacle", points)
+        bodies = tuple((_outline(part), float(radius)) for part in convex_parts(shape))
+        return cls(bodies, **motion)
+
+    @classmethod
+    def ellipse(cls, centre: Point, axes: Point, heading: float = 0.0, **motion: Any) -> Self:
+        """An ellipse, as a polygon around it that is wider by up to .9 %.
+
+        centre: (x, y) [m]. axes: its half axes [m], along the heading and across it. heading
+        [rad]. motion: the keywords of `Obstacle`.
+
+        >>> hf.Obstacle.ellipse((4, 0), (2.5, 0.8), heading=0.3, name="barge").count
+        1
+        """
+        (x, y), (a, b) = _point(centre), _point(axes)
+        if a < 0 or b < 0:
+            raise DefinitionError(f"the half axes are {a:g} and {b:g}", expected="0 or more")
+        cos, sin = math.cos(heading), math.sin(heading)
+        wider = 1.0 / math.cos(math.pi / SIDES_OF_ELLIPSE)
+        turns = [2.0 * math.pi * k / SIDES_OF_ELLIPSE for k in range(SIDES_OF_ELLIPSE)]
+        corners = tuple(
+            (
+                x + wider * (a * math.cos(s) * cos - b * math.sin(s) * sin),
+                y + wider * (a * math.cos(s) * sin + b * math.sin(s) * cos),
+            )
+            for s in turns
+        )
+        return cls(((corners, 0.0),), **motion)
+
+
+@checked
+@dataclass(frozen=True)
+class Obstacles(Clearing):
+    """How a `SafetyFilter` keeps clear of obstacles that are known at run time.
+
+    most: how many convex bodies are counted with at a sample; of more the nearest, and
+    `Decision.left_out` names the others. hull: the vehicle, in its own axes, ahead and to the left
+    of its position [m]: a radius, the corners (x, y) of a polygon, or discs (x, y, radius).
+    lead [m]: of a hull that is a disc around the position: how far ahead of it the point is that
+    keeps clear, with so much more radius. A point on the axle of a vehicle with wheels can only
+    brake; one ahead of it can also be turned away, if lead x rate of turn is above the speed of the
+    obstacle. By default the largest speed of the vehicle over its largest rate of turn, and 0 where
+    the inputs move the position both ways. clearance [m]: kept besides. position, heading: names of
+    states, by default x, y and the angle psi, or the first angle.
+
+    Raises `DefinitionError` for a number that cannot be, and for a hull whose sides cross.
+
+    >>> hf.Obstacles(20, hull=[(0.5, 0.3), (-0.5, 0.3), (-0.5, -0.3), (0.5, -0.3)]).pairs
+    80
+    """
+
+    def __init__(
+        self,
+        most: int,
+        hull: float | Sequence[Sequence[float]] = 0.0,
+        *,
+        lead: float | None = None,
+        clearance: float = 0.0,
+        position: tuple[str, str] = ("x", "y"),
+        heading: str | None = None,
+    ) -> None:
+        for name, value in (("lead", lead), ("clearance", clearance)):
+            if value is not None and not (math.isfinite(value) and value >= 0):
+                raise DefinitionError(f"{name} is {value:g} m", expected="0 or more")
+        super().__init__(most, _parts(hull), lead, float(clearance), tuple(position), heading)
+
+
+def _parts(
+    hull: float | Sequence[Sequence[float]],
+) -> tuple[tuple[tuple[tuple[float, float], ...], float], ...]:
+    """The convex parts of a hull, with their radii."""
+    if isinstance(hull, int | float):
+        if not (math.isfinite(hull) and hull >= 0):
+            raise DefinitionError(f"the radius of the hull is {hull:g} m", expected="0 or more")
+        return ((((0.0, 0.0),), float(hull)),)
+    rows = [tuple(float(x) for x in row) for row in hull]
+    if rows and all(len(row) == 3 for row in rows):
+        if not all(math.isfinite(x) for row in rows for x in row) or any(r < 0 for *_, r in rows):
+            raise DefinitionError("a disc of the hull is none", expected="finite (x, y, radius)")
+        return tuple((((x, y),), radius) for x, y, radius in rows)
+    if len(rows) < 3 or any(len(row) != 2 for row in rows):
+        raise DefinitionError(
+            f"the hull is {hull!r}"[:80],
+            expected="a radius, three or more corners (x, y), or discs (x, y, radius)",
+        )
+    return tuple((_outline(part), 0.0) for part in convex_parts(polygon_of("hull", rows)))
+
+
+def _outline(part: shapely.Polygon) -> tuple[tuple[float, float], ...]:
+    return tuple((float(x), float(y)) for x, y in part.exterior.coords[:-1])
+
+
+def _point(point: Point) -> tuple[float, float]:
+    try:
+        x, y = (float(c) for c in point)
+    except (TypeError, ValueError):
+        raise DefinitionError(f"a point is {point!r}"[:80], expected="(x, y)") from None
+    return x, y
