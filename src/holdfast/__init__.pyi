@@ -148,6 +148,8 @@ from .maths.reference_fields.facts import exact_flow as exact_flow
 from .maths.reference_fields.facts import field_facts as field_facts
 from .maths.reference_fields.facts import flow_line as flow_line
 from .maths.reference_fields.field import Field as Field
+from .planning.moving_obstacles import Obstacle as Obstacle
+from .planning.moving_obstacles import Obstacles as Obstacles
 from .planning.obstacles import obstacles as obstacles
 from .presentation.figures.flow_lines import flow_lines_figure as flow_lines_figure
 from .presentation.figures.histories import histories_figure as histories_figure

@@ -124,7 +124,7 @@ class Obstacle(Value):
         points = [_point(corner) for corner in corners]
         if not all(math.isfinite(x) for point in points for x in point):
             return cls(((tuple(points), float(radius)),), **motion)
-        shape = polygon_of(motion.get("name") or "of an obstacle", points)
+        shape = polygon_of(motion.get("name") or "obstacle", points)
         bodies = tuple((_outline(part), float(radius)) for part in convex_parts(shape))
         return cls(bodies, **motion)
 
@@ -188,7 +188,7 @@ class Obstacles(Clearing):
         for name, value in (("lead", lead), ("clearance", clearance)):
             if value is not None and not (math.isfinite(value) and value >= 0):
                 raise DefinitionError(f"{name} is {value:g} m", expected="0 or more")
-        super().__init__(most, _parts(hull), lead, float(clearance), tuple(position), heading)
+        super().__init__(most, _parts(hull), lead, float(clearance), position, heading)
 
 
 def _parts(

@@ -78,22 +78,24 @@ class Near(NamedTuple):
     """What was near at a sample: of every pair the gap [m] and the number of the body, in turn.
 
     found: how many pairs there were, of which the nearest have places; -1 - k for a body k that is
-    not finite.
+    not finite. obstacles: or how many discs without names.
     """
 
     gaps: Array
     found: int
-    obstacles: tuple[Obstructs, ...]
+    obstacles: tuple[Obstructs, ...] | int
 
     @property
     def names(self) -> tuple[str, ...]:
         """A name for every body."""
+        if isinstance(self.obstacles, int):
+            return tuple(f"obstacle {k}" for k in range(1, self.obstacles + 1))
         named = enumerate(self.obstacles, 1)
         return tuple(o.name or f"obstacle {k}" for k, o in named for _ in range(o.count))
 
-    def of(self, pair: int) -> tuple[str, float]:
-        """The name of the obstacle of a pair, and the gap."""
-        return self.names[int(self.gaps[2 * pair + 1])], float(self.gaps[2 * pair])
+    def of(self, pair: int) -> str:
+        """The name of the obstacle of a pair."""
+        return self.names[int(self.gaps[2 * pair + 1])]
 
     @property
     def clearances(self) -> dict[str, float]:
@@ -109,6 +111,8 @@ class Near(NamedTuple):
     @property
     def left_out(self) -> tuple[str, ...]:
         """The obstacles that have no place, since others are nearer."""
+        if self.found < 0:
+            return ()
         places = {int(number) for number in self.gaps[1::2]}
         with_place = {name for k, name in enumerate(self.names) if k in places}
         return tuple(n for n in dict.fromkeys(self.names) if n not in with_place)

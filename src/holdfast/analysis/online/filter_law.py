@@ -84,13 +84,6 @@ class Made:
         return (numbers["kappa1"], numbers["kappa2"]) if "kappa1" in numbers else None
 
     @property
-    def first_derivatives(self) -> bool:
-        """Whether it bounds first derivatives alone of the distances of obstacles that move."""
-        guard = self.law.safeguard
-        each = guard.repeated if guard else None
-        return each is not None and set(each.units) == {"m/s"}
-
-    @property
     def parts(self) -> PartsValue | None:
         """The kernel, if it is put together from parts."""
         return self.kernel.parts if self.kernel else None
@@ -415,6 +408,9 @@ class Reasons:
         status = decision.status
         if status is Status.NOT_A_NUMBER:
             faulty = self.told.faulty(decision.seen)
+            if not faulty and decision.near is not None and decision.near.found < 0:
+                name = decision.near.names[-1 - decision.near.found]
+                faulty = f"a number of '{name}' is not finite"
             if not faulty and not math.isfinite(decision.t):
                 faulty = f"the time is {decision.t}"
             faulty = faulty or "the conditions are not finite at this state"
@@ -427,6 +423,10 @@ class Reasons:
         if status is Status.INFEASIBLE:
             unit = self.program.slack_units[0] if len(set(self.program.slack_units)) == 1 else ""
             gave = ", ".join(f"'{name}'" for name in self.gave_way(decision))
+            if (near := decision.near) is not None:
+                between = [n for n in near.clearances if n in self.gave_way(decision)]
+                if between:
+                    change = f"pinched by {_and([repr(n) for n in between])}: {change}"
             return (
                 f"{change}: no input within its bounds meets all conditions, the least violation "
                 f"is {decision.slack:.3g} {unit}".rstrip()
@@ -474,6 +474,10 @@ class Reasons:
             near = f"{near.rstrip()} {side} its margin of {self._margin:.3g}"
             return near + self._would_be(left, "the set would have been left")
         names = self.constraints.inequality_names if self.constraints is not None else ()
+        if decision.near is not None and worst in decision.near.clearances:
+            gap = decision.near.clearances[worst]
+            where = f"is {gap:.3g} m away" if gap >= 0 else f"is {-gap:.3g} m too near"
+            return f"'{worst}' {where}{self._left_out(decision)}"
         if worst not in names:  # of the rate of a state
             return f"the {worst} would be beyond its limit"
         if not self.whole:
@@ -498,7 +502,22 @@ class Reasons:
         """The inequality whose condition the command violates most, by its own size."""
         if self._ahead and self._lacks(decision, decision.nominal, 0) > 0:
             return "value"
-        return self._names[int(np.argmax(self._short(decision, decision.nominal)))]
+        return self._named(decision)[int(np.argmax(self._short(decision, decision.nominal)))]
+
+    def _named(self, decision: Decision) -> tuple[str, ...]:
+        """The inequality of each condition after the hard ones; of a pair, its obstacle."""
+        near, (_, _, each) = decision.near, self.program.things
+        if near is None:
+            return self._names
+        pairs = len(near.gaps) // 2
+        obstacles = [near.of(k) if near.gaps[2 * k + 1] >= 0 else "" for k in range(pairs)]
+        return (*(name for name in obstacles for _ in range(each)), *self._names[pairs * each :])
+
+    @staticmethod
+    def _left_out(decision: Decision) -> str:
+        """What the filter did not count with, as the rest of a sentence."""
+        count = len(decision.left_out)
+        return f"; {count} more are farther away and were not counted with" if count else ""
 
     def gave_way(self, decision: Decision) -> tuple[str, ...]:
         """The inequalities whose conditions the input does not meet; "value" is the kernel's."""
@@ -510,7 +529,7 @@ class Reasons:
     def _missed(self, decision: Decision, inputs: Array) -> list[str]:
         """The inequalities whose conditions an input does not meet."""
         short = self._short(decision, inputs) > 1e-7
-        return [n for n, s in zip(self._names, short, strict=True) if s]
+        return [n for n, s in zip(self._named(decision), short, strict=True) if s]
 
     def _lacks(self, decision: Decision, inputs: Array, level: int) -> float:
         """What the value a sample after an input lacks of its level (0), or of its floor (1)."""
@@ -562,6 +581,12 @@ class Reasons:
 
     def _nearest(self, decision: Decision) -> str:
         """The inequality that is nearest, where the states are known."""
+        if self.constraints is None and self.made.kernel is None:
+            near = decision.clearances
+            if not near:
+                return "; no obstacle is there"
+            name = min(near, key=lambda n: near[n])
+            return f"; the nearest: '{name}' is {near[name]:.3g} m away{self._left_out(decision)}"
         if self.constraints is None:
             return f"; the value is {decision.value:.3g} {self._unit}".rstrip()
         if not self.whole:

@@ -5,6 +5,8 @@ The pairs are found by compiled code (`execution/obstacle_pairs.py`), into memor
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,16 +16,17 @@ import sympy as sp
 
 from holdfast.analysis.online.decision import Obstructs
 from holdfast.errors import DefinitionError, SimulationError, check_name
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.codegen.llvm_text import LANES
 from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.codegen.scalar_llvm import compiled
 from holdfast.execution.leaf import compiled_leaves
-from holdfast.execution.obstacle_pairs import PAIR, PART
+from holdfast.execution.obstacle_pairs import PAIR, PART, RECORD
+from holdfast.execution.simulation.closed_loop import Command
 from holdfast.maths.control.moving_obstacles import avoiding, both_ways
 from holdfast.maths.control.parameter_box import ParameterBox
 from holdfast.maths.definitions.extension import steady_bounds
-from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.law import Law, Repeated
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.value import Value
 
@@ -95,7 +98,8 @@ class Clearing(Value):
     ) -> Law:
         """`law` with the filter, which is handed the numbers of the pairs."""
         return avoiding(
-            system, law, self.pairs, self.position, self.heading or "", gains=gains,
+            system, law, self.pairs, self.position, self.heading or "", hull_numbers(self),
+            len(self.parts), self.clearance, gains=gains,
             disturbance_measured=disturbance_measured, worst=worst, box=box, scales=scales,
             sample_time=sample_time,
         )  # fmt: skip
@@ -150,49 +154,113 @@ def _most(system: System, rate: sp.Expr) -> float:
 
 
 class ObstacleSlots:
-    """The places of the pairs, which are filled at every sample.
+    """The places of the pairs of a safeguard, which are filled at every sample."""
 
-    first: whether the conditions bound a first derivative (`find_pairs`).
-    """
-
-    def __init__(self, system: System, clearing: Clearing, first: bool) -> None:
-        self.clearing, self.first, self.most = clearing, first, clearing.pairs
-        symbols = {q.name: q.symbol for q in system.states}
-        angle = symbols[clearing.heading] if clearing.heading else sp.S.Zero
-        place = [symbols[n] for n in clearing.position]
-        leaf = leaf_of({"q": list(symbols.values())}, [*place, sp.cos(angle), sp.sin(angle)])
+    def __init__(self, system: System, each: Repeated) -> None:
+        of, self._most = each.found, each.count
+        leaf = leaf_of({"q": [q.symbol for q in system.states]}, of.pose)
         self._leaves = compiled_leaves({"pose": leaf})
         self._pose_of: Callable[..., None] = self._leaves.function("pose")
         self._find = compiled("obstacle_pairs", "find_pairs")
-        self._hull = np.array(hull_numbers(clearing), dtype=np.float64)
-        self._states = np.zeros((len(symbols), LANES))
-        self._poses = np.zeros((4, LANES))
-        self._parts = len(clearing.parts)
-        self.pairs, self.near = np.zeros(self.most * PAIR), np.zeros(2 * self.most)
-        self._touch = np.zeros(6)
+        self._hull = np.array(of.hull)
+        self._states = np.zeros((len(system.states), LANES))
+        poses, touch = np.zeros((len(of.pose), LANES)), np.zeros(6)
+        self._room = poses, touch
+        self.pairs, self.near = np.zeros(self._most * PAIR), np.zeros(2 * self._most)
+        self._how = self._most, of.clearance, of.first
         self._at: Any = tuple(
-            a.ctypes.data
-            for a in (self._states, self._poses, self._hull, self.pairs, self.near,
-                      self._touch)
-        )  # fmt: skip
+            a.ctypes.data for a in (self._states, poses, self._hull, self.pairs, self.near, touch)
+        )
+        self._parts = of.parts
 
-    def fill(self, state: Array, obstacles: Sequence[Obstructs]) -> int:
-        """Fill the pairs at a state; how many there are, or -1 - k for a faulty obstacle k. state:
-        shape (states,)."""
+    def fill(self, state: Array, obstacles: Sequence[Obstructs] | Array) -> int:
+        """Fill the pairs at a state; how many there are, or -1 - k for a faulty body k. state:
+        shape (states,). obstacles: or discs, as of `disc_records`."""
+        if isinstance(obstacles, np.ndarray):
+            return self.fill_from(state, disc_records(obstacles))
         try:
             records = b"".join([o.records for o in obstacles])
         except (TypeError, AttributeError):
             raise SimulationError(
                 f"the obstacles are {obstacles!r}"[:80], expected="a list of hf.Obstacle"
             ) from None
+        return self.fill_from(state, records)
+
+    def fill_from(self, state: Array, records: bytes) -> int:
+        """`fill`, from records of obstacles. state: shape (states,)."""
         states, poses, hull, pairs, near, touch = self._at
         self._states[:] = state[:, np.newaxis]
         self._pose_of(states, poses, LANES, LANES)
         found: int = self._find(
-            hull, self._parts, poses, LANES, records, len(records) // 8, self.most,
-            self.clearing.clearance, self.first, pairs, near, touch,
+            hull, self._parts, poses, LANES, records, len(records) // 8, *self._how, pairs, near,
+            touch,
         )  # fmt: skip
         return found
+
+
+DISC = ("x", "y", "radius", "vx", "vy", "acceleration", "share", "age", "velocity_error")
+"""The columns of discs, of which the first three are always there."""
+
+
+def disc_records(discs: Array) -> bytes:
+    """Discs as records; discs: shape (count, 3 to 9), the columns `DISC`."""
+    count, width = discs.shape if discs.ndim == 2 else (0, 0)
+    if not 3 <= width <= len(DISC) or discs.dtype.kind not in "fiu":
+        raise SimulationError(
+            f"the obstacles are an array of the shape {discs.shape}",
+            expected=f"(count, 3 to {len(DISC)}): {', '.join(DISC)}",
+        )
+    rows = np.zeros((count, RECORD + 2))
+    rows[:, 0], rows[:, 5] = 1.0, 1.0
+    rows[:, _DISC_PLACES[:width]] = discs
+    return rows.tobytes()
+
+
+_DISC_PLACES = [8, 9, 1, 2, 3, 4, 5, 6, 7]
+
+Surroundings = Callable[[float, Array], Sequence[Sequence[Obstructs]] | Array]
+"""A function of t [s] and of the states (run, state) to the obstacles of every run, or to discs of
+the shape (runs, count, columns)."""
+
+
+class Among:
+    """A controller among obstacles, for `simulate`: the command, and the pairs of every run.
+
+    least: the smallest gap of every run [m], of all bodies that have been near. infeasible gaps
+    count too. Where a number of an obstacle is not finite, the command is NaN.
+    """
+
+    most = sys.maxsize
+
+    def __init__(self, slots: ObstacleSlots, command: Command, obstacles: Surroundings) -> None:
+        self.slots, self.of_command, self.obstacles = slots, command, obstacles
+        self.least = np.empty(0)
+
+    def begin(self, runs: range) -> None:
+        self.least = np.full(len(runs), math.inf)
+
+    def command(self, t: float, states: Array, alive: Truths) -> Array:
+        """The commands and the numbers of the pairs, a row for each run. states: shape (runs,
+        states). alive: shape (runs,). The rows have the shape (runs, handed)."""
+        slots = self.slots
+        commands = np.asarray(self.of_command(t, states), dtype=np.float64)
+        around = self.obstacles(t, states)
+        if len(around) != len(states):
+            raise SimulationError(
+                f"obstacles of {len(around)} runs", expected=f"a list for each of {len(states)}"
+            )
+        rows = np.empty((len(states), commands.shape[1] + len(slots.pairs)))
+        rows[:, : commands.shape[1]] = commands
+        for k in np.flatnonzero(alive).tolist():
+            if slots.fill(states[k], around[k]) < 0:
+                rows[k, : commands.shape[1]] = math.nan
+            rows[k, commands.shape[1] :] = slots.pairs
+            self.least[k] = min(self.least[k], slots.near[::2].min())
+        rows[~alive] = 0.0
+        return rows
+
+    def end(self) -> None:
+        pass
 
 
 def check_pose(clearing: Clearing, measured: Sequence[str]) -> None:

@@ -38,8 +38,10 @@ from holdfast.analysis.online.filter_law import (
     warn_of_reduction,
 )
 from holdfast.analysis.online.obstacle_slots import (
+    Among,
     Clearing,
     ObstacleSlots,
+    Surroundings,
     check_pose,
 )
 from holdfast.analysis.simulation.simulate import simulate
@@ -53,6 +55,7 @@ from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.leaf import Evaluator
+from holdfast.execution.simulation.closed_loop import Command
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.settings import RK4
 from holdfast.maths.control.observer import observe, observe_set
@@ -420,7 +423,10 @@ class SafetyFilter(Remade):
         )  # fmt: skip
         if clearing is not None:
             check_pose(clearing, measured)
-            self._slots = ObstacleSlots(system, clearing, made.first_derivatives)
+            guard = made.law.safeguard
+            assert guard is not None
+            assert guard.repeated is not None
+            self._slots = ObstacleSlots(system, guard.repeated)
         self._count = self._of_many = 0
         self._fallback = fallback_of(system, fallback)
         self._made = made
@@ -457,7 +463,7 @@ class SafetyFilter(Remade):
         command: Given,
         t: float | None = None,
         disturbance: Given | None = None,
-        obstacles: Sequence[Obstructs] | None = None,
+        obstacles: Sequence[Obstructs] | Array | None = None,
     ) -> Decision:
         """The decision on a command [units of the inputs] at a measured state.
 
@@ -471,14 +477,10 @@ class SafetyFilter(Remade):
         t = time_of(t, self._count, self.sample_time)
         self._count += 1
         near = None
-        if self.clearing is not None and finite:
+        self._check_obstacles(obstacles)
+        if obstacles is not None and finite:
             near = self._near(readings.row, obstacles)
             finite = near.found >= 0
-        elif obstacles is not None and self.clearing is None:
-            raise SimulationError(
-                "obstacles are given to a filter without room for any",
-                remedy="make it with obstacles=20, as many as it is to count with",
-            )
         seen = readings.row.copy()
         if not (finite and math.isfinite(t)):
             return self._refused(t, seen, near)
@@ -498,16 +500,24 @@ class SafetyFilter(Remade):
             status = Status.CHANGED if changed else Status.PASSED
         return Decision(row, rows, status, values[rows.overruled] != 0.0, t, seen, self, near)
 
-    def _near(self, row: Array, obstacles: Sequence[Obstructs] | None) -> Near:
-        """Hand the nearest pairs of obstacles over, in a row of what is seen; what was near."""
-        if obstacles is None:
+    def _check_obstacles(self, obstacles: object) -> None:
+        if obstacles is None and self.clearing is not None:
             raise SimulationError(
                 "the obstacles are None", expected="obstacles=[...], of hf.Obstacle; none is []"
             )
+        if obstacles is not None and self.clearing is None:
+            raise SimulationError(
+                "obstacles are given to a filter without room for any",
+                remedy="make it with obstacles=20, as many as it is to count with",
+            )
+
+    def _near(self, row: Array, obstacles: Sequence[Obstructs] | Array) -> Near:
+        """Hand the nearest pairs of obstacles over, in a row of what is seen; what was near."""
         slots = self._slots
         found = slots.fill(row[: len(self.system.states)], obstacles)
         row[len(row) - len(slots.pairs) :] = slots.pairs
-        return Near(slots.near.copy(), found, tuple(obstacles))
+        discs = isinstance(obstacles, np.ndarray)
+        return Near(slots.near.copy(), found, len(obstacles) if discs else tuple(obstacles))
 
     @property
     def _pairs_handed(self) -> int:
@@ -520,15 +530,25 @@ class SafetyFilter(Remade):
         commands: npt.ArrayLike,
         t: float | None = None,
         disturbances: npt.ArrayLike | None = None,
+        obstacles: Sequence[Sequence[Obstructs]] | Array | None = None,
     ) -> Decisions:
         """The decisions on many commands at many states, shapes (count, states), (count, inputs).
 
         Each row is a vehicle: what a filter with an observer, rates of inputs or a delay remembers
         is of the same row before, until `reset` or until there are more or fewer rows.
-        disturbances: those that are measured, (count, disturbances).
+        disturbances: those that are measured, (count, disturbances). obstacles: those of each
+        vehicle, or discs (count, discs, columns), as of `step`.
         """
         seen = self._told.rows(states, disturbances, commands)
         finite = np.asarray(np.isfinite(seen).all(axis=1))
+        self._check_obstacles(obstacles)
+        if obstacles is not None:
+            if len(obstacles) != len(seen):
+                raise SimulationError(
+                    f"obstacles of {len(obstacles)} vehicles", expected=f"of {len(seen)}"
+                )
+            for k in np.flatnonzero(finite).tolist():
+                finite[k] = self._near(seen[k], obstacles[k]).found >= 0
         if not len(seen):
             rows, self._many = self._many, ControlSamples(self._program, self.sample_time, 1)
             one, there = np.zeros((1, seen.shape[1])), np.ones(1, dtype=bool)
@@ -578,6 +598,26 @@ class SafetyFilter(Remade):
         """Whether the parts of a kernel promise nothing at a state."""
         parts, n = self._made.parts, len(self.system.states)
         return parts is not None and bool(parts.excess(seen[np.newaxis, :n])[0] > 0)
+
+    def among(self, command: Command, obstacles: Surroundings) -> Among:
+        """Your controller among obstacles, as the `command` of `simulate` with the law `law`.
+
+        command: a function of t [s] and of the states, shape (runs, states), to commands, shape
+        (runs, inputs). obstacles: a function of the same to a list of `Obstacle` for each run.
+        After the runs `least` has the smallest gap of each [m], as the filter was told.
+
+        Raises `SimulationError` for a filter without obstacles.
+
+        >>> guard = hf.SafetyFilter(robot, obstacles=hf.Obstacles(1, lead=0.3), gains=(1, 4))
+        >>> buoy = [hf.Obstacle.disc((2, 0), 0.5)]
+        >>> drive = guard.among(lambda t, q: [[1.0, 0.0]] * len(q), lambda t, q: [buoy] * len(q))
+        >>> _ = hf.simulate(robot, guard.law, command=drive, starts=[[0, 0.1, 0]], horizon=5)
+        >>> round(drive.least[0], 2)
+        0.0
+        """
+        if self.clearing is None:
+            raise SimulationError("the filter has no obstacles", remedy="obstacles=20, say")
+        return Among(self._slots, command, obstacles)
 
     def reset(self) -> None:
         """Begin anew: the time is 0, and what an observer estimated is forgotten."""
@@ -638,13 +678,14 @@ class SafetyFilter(Remade):
         return crossings_of(self._made, self.sample_time, self._margins, self._uncertain)
 
     def __str__(self) -> str:
-        keeps: list[Any] = [*self.keep] if isinstance(self.keep, list | tuple) else [self.keep]
-        names = [
-            f"'{k.name}'" if isinstance(k, Region) else f"a kernel of {k.names}" for k in keeps
-        ]
+        sets: list[Any] = [*self.keep] if isinstance(self.keep, list | tuple) else [self.keep]
+        names = [f"'{k.name}'" if isinstance(k, Region) else f"a kernel of {k.names}" for k in sets]
+        keeps = [f"keeps {' and '.join(names)}"] if names else []
+        if self.clearing is not None:
+            keeps.append(f"keeps clear of up to {self.clearing.most} obstacles at a time")
         late = f", of states that are seen {self.delay:g} s late" if self.delay else ""
         lines = [
-            f"safety filter of '{self.system.name}': keeps {' and '.join(names)}, "
+            f"safety filter of '{self.system.name}': {' and '.join(keeps)}, "
             f"with inputs held for {self.sample_time:g} s{late}",
             crossings_text(self.crossings, self.sample_time),
         ]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -410,6 +411,11 @@ def c_body(
     lines += body.lines
     lines += [f"{indent}{into}[{i}] = {body.text(v.number)};" for i, v in enumerate(values)]
     return "\n".join(lines)
+
+
+def c_own(text: str, name: str) -> str:
+    """The text with the law's name as a prefix of every name of this package: hf_, HF_."""
+    return re.sub(r"\bHF_", f"{name.upper()}_HF_", re.sub(r"\bhf_", f"{name}_hf_", text))
 
 
 def c_functions(text: str, functions: Iterable[Function | OverWalls]) -> str:

@@ -39,10 +39,18 @@ from holdfast._version import __version__
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import AnyArray
-from holdfast.execution.codegen.c_printer import BITS, c_body, c_functions, c_helpers, scalars_c
+from holdfast.execution.codegen.c_obstacles import CObstacles
+from holdfast.execution.codegen.c_printer import (
+    BITS,
+    c_body,
+    c_functions,
+    c_helpers,
+    c_own,
+    scalars_c,
+)
 from holdfast.execution.codegen.closed_loop_program import ControllerProgram, controller_program
 from holdfast.execution.codegen.lowering import FUNCTIONS
-from holdfast.execution.codegen.scalar_reader import scalars
+from holdfast.execution.codegen.scalar_reader import Scalars, scalars
 from holdfast.execution.foreseen import CUTS, numbers_of_search
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
@@ -62,11 +70,6 @@ def c_name(name: str) -> str:
 def c_file(name: str) -> str:
     """The text of a file of this package's folder `c`."""
     return (files("holdfast.execution.codegen") / "c" / f"{name}.c").read_text("utf-8")
-
-
-def c_own(text: str, name: str) -> str:
-    """The text with the law's name as a prefix of every name of this package: hf_, HF_."""
-    return re.sub(r"\bHF_", f"{name.upper()}_HF_", re.sub(r"\bhf_", f"{name}_hf_", text))
 
 
 def c_comment(*lines: str) -> str:
@@ -449,6 +452,7 @@ def _file(system: System, law: Law | Switching, name: str, table: str) -> _File:
 class _File:
     def __init__(self, program: ControllerProgram, table: CTable | None, name: str) -> None:
         self.program, self.table, self.name = program, table, name
+        self.obstacles = CObstacles.of(program, name)
         used = symbols_of(program.expressions)
         self.parameters = tuple(p for p in program.parameters if p.symbol in used)
 
@@ -458,6 +462,7 @@ class _File:
     def text(self) -> str:
         n, upper = self.name, self.name.upper()
         functions = [self._place()] if self.program.lookup else []
+        functions += self.obstacles.functions(self._unpack()) if self.obstacles else []
         functions += [self._law(), self._next_mode(), self._limit()]
         functions += [self._remember()] if self.program.remembered else []
         values = "\n".join(
@@ -485,6 +490,7 @@ class _File:
             "",
             *(line for f in functions for line in (c_own(f, n), "")),
             self._step(),
+            *(["", self.obstacles.text()] if self.obstacles else ()),
         ]
         return "\n".join(lines) + "\n"
 
@@ -533,6 +539,7 @@ class _File:
             f"extern const double {n}_parameters[{upper}_PARAMETERS];",
             f"void {n}_start({n}_state *s);",
             f"{self._step_heading()};",
+            *(self.obstacles.declared() if self.obstacles else ()),
             "",
             *(self.table.declared if self.table else ()),
             "#ifdef __cplusplus",
@@ -555,10 +562,14 @@ class _File:
         texts = [c_helpers(BITS, functions + called), called]
         guards = self.program.safeguards.values()
         scalar = sorted({_keeper(g) for g in guards})
+        library = scalars("simulation/parts")
+        if self.obstacles is not None:
+            library = Scalars(library.functions | scalars("obstacle_pairs").functions, {})
+            scalar.append("find_pairs")
         if self.table is not None:
             texts.append(self.table.text)
             scalar += self.table.needed
-        texts.append(scalars_c(scalars("simulation/parts"), scalar))
+        texts.append(scalars_c(library, scalar))
         return [text for text in texts if text]
 
     def _unpack(self) -> dict[str, Sequence[sp.Symbol]]:
@@ -608,6 +619,8 @@ class _File:
                     f"{guard.hard}, {ends}command, room, counts);"
                 )
             body = c_body(unpack, results, into, "        ")
+            if guard and self.obstacles and guard.repeated:
+                body += self.obstacles.filled(number, guard)
             cases.append(f"    case {number}: {{\n{asked}{body}\n        {ending}\n    }}")
         return (
             "/* Returns the slack of the safeguard. */\n"

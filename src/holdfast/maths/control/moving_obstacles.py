@@ -43,7 +43,7 @@ from holdfast.maths.control.safety_filter import (
     usual_gains,
 )
 from holdfast.maths.control.velocity_tracking import believed_disturbances
-from holdfast.maths.definitions.law import Law, Repeated, Safeguard
+from holdfast.maths.definitions.law import FoundPairs, Law, Repeated, Safeguard
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, Parameter, Quantity, symbol
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
@@ -136,21 +136,26 @@ def both_ways(
     """
     inputs = [q.symbol for q in system.inputs]
     at = {NUMBERS["ahead"]: sp.Float(lever[0]), NUMBERS["left"]: sp.Float(lever[1])}
-    rates = [system.derivative(p.xreplace(at)) for p in _place(system, position, heading)]
+    rates = [system.derivative(p) for p in _place(system, position, heading)]
     slopes = [[r.diff(u) for u in inputs] for r in rates]
-    if all(is_zero(e) for row in slopes for e in row):
+    acts = [not all(is_zero(row[i]) for row in slopes) for i in range(len(inputs))]
+    if not any(acts):
         rates = [system.derivative(r) for r in rates]
         slopes = [[r.diff(u) for u in inputs] for r in rates]
-    return full_rank(sp.ImmutableMatrix(slopes)) or _later_turns(system, heading, slopes)
+    here = [[e.xreplace(at) for e in row] for row in slopes]
+    if any(acts) and not all(acts):  # later inputs turn what the first ones do
+        late = {u for u, at_once in zip(inputs, acts, strict=True) if not at_once}
+        return any(system.derivative(e).free_symbols & late for row in here for e in row)
+    return full_rank(sp.ImmutableMatrix(here))
 
 
-def _later_turns(system: System, heading: str, slopes: Sequence[Sequence[sp.Expr]]) -> bool:
-    """Whether an input that moves no point at once turns the vehicle by a later derivative."""
-    idle = [i for i in range(len(system.inputs)) if all(is_zero(row[i]) for row in slopes)]
-    if not heading or not idle:
-        return False
-    inputs = {system.inputs[i].symbol for i in idle}
-    return not sp.sympify(system.rates[heading]).free_symbols & inputs
+def _pose(
+    system: System, position: tuple[str, str], heading: str
+) -> tuple[sp.Expr, sp.Expr, sp.Expr, sp.Expr]:
+    """x, y, and the cosine and the sine of the heading."""
+    states = {q.name: q.symbol for q in system.states}
+    angle = states[heading] if heading else sp.S.Zero
+    return states[position[0]], states[position[1]], sp.cos(angle), sp.sin(angle)
 
 
 def _place(system: System, position: tuple[str, str], heading: str) -> list[sp.Expr]:
@@ -199,6 +204,9 @@ def avoiding(
     pairs: int,
     position: tuple[str, str],
     heading: str,
+    hull: Sequence[float],
+    parts: int,
+    clearance: float,
     *,
     gains: tuple[float, float] | None,
     disturbance_measured: bool,
@@ -210,7 +218,8 @@ def avoiding(
     """`law` with a safety filter that keeps so many pairs of discs apart.
 
     It is handed the numbers `PAIR` of each pair, behind what else it is handed. Where no input
-    keeps all apart, all give way by the same least amount.
+    keeps all apart, all give way by the same least amount. hull, parts, clearance: see
+    `FoundPairs`.
     """
     each = pair_conditions(
         system, position, heading, worst=worst, disturbance_measured=disturbance_measured, box=box
@@ -257,6 +266,12 @@ def avoiding(
             scales=input_scales(system, scales),
             units=units * pairs,
             names=tuple(f"pair {k}" for k in range(1, pairs + 1) for _ in units),
-            repeated=Repeated(tuple(NUMBERS.values()), tuple(rows), units, pairs),
+            repeated=Repeated(
+                tuple(NUMBERS.values()), tuple(rows), units, pairs,
+                FoundPairs(
+                    _pose(system, position, heading), tuple(hull), parts, clearance,
+                    set(each.orders) == {1},
+                ),
+            ),
         ),
     )  # fmt: skip

@@ -326,19 +326,36 @@ class Foresight(Value):
 
 
 @dataclass(frozen=True)
+class FoundPairs(Value):
+    """What `execution/obstacle_pairs.py` finds pairs of a vehicle and obstacles by.
+
+    pose: x, y, the cosine and the sine of the heading, of measured states. hull: in the layout of
+    that text, in so many parts. clearance [m]. first: whether the conditions bound first
+    derivatives alone.
+    """
+
+    pose: tuple[sp.Expr, ...]
+    hull: tuple[float, ...]
+    parts: int
+    clearance: float
+    first: bool
+
+
+@dataclass(frozen=True)
 class Repeated(Value):
     """Conditions that are one function of numbers that are handed over, for each of `count` things.
 
     rows: normal and offset of each condition in turn, with `numbers`, the symbols of one thing.
     The law is handed the numbers of all things, one thing after the other, behind what else it is
     handed: the first number of one says whether there is such a thing. units: of the offset of each
-    condition.
+    condition. found: how the numbers are found.
     """
 
     numbers: tuple[sp.Symbol, ...]
     rows: tuple[sp.Expr, ...]
     units: tuple[str, ...]
     count: int
+    found: FoundPairs
 
     @property
     def conditions(self) -> int:
