@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import shapely
 
-from holdfast.analysis.online.obstacle_slots import Clearing
+from holdfast.analysis.online.obstacle_slots import Clearing, Parts
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.value import Value
@@ -48,7 +48,7 @@ class Obstacle(Value):
     1
     """
 
-    bodies: tuple[tuple[tuple[tuple[float, float], ...], float], ...]
+    bodies: Parts
     velocity: tuple[float, float] = (0.0, 0.0)
     acceleration: float = 0.0
     velocity_error: float = 0.0
@@ -165,8 +165,10 @@ class Obstacles(Clearing):
     lead [m]: of a hull that is a disc around the position: how far ahead of it the point is that
     keeps clear, with so much more radius. A point on the axle of a vehicle with wheels can only
     brake; one ahead of it can also be turned away, if lead x rate of turn is above the speed of the
-    obstacle. By default the largest speed of the vehicle over its largest rate of turn, and 0 where
-    the inputs move the position both ways. clearance [m]: kept besides. position, heading: names of
+    obstacle. By default 1.25 speed over the largest rate of turn, and 0 where the inputs move the
+    position both ways. speed [m/s]: of the fastest obstacle, by default that of the vehicle; a lead
+    that is too short for it is refused, and `Decision.too_fast` names the obstacles that are faster
+    than turning evades. clearance [m]: kept besides. position, heading: names of
     states, by default x, y and the angle psi, or the first angle.
 
     Raises `DefinitionError` for a number that cannot be, and for a hull whose sides cross.
@@ -181,19 +183,18 @@ class Obstacles(Clearing):
         hull: float | Sequence[Sequence[float]] = 0.0,
         *,
         lead: float | None = None,
+        speed: float | None = None,
         clearance: float = 0.0,
         position: tuple[str, str] = ("x", "y"),
         heading: str | None = None,
     ) -> None:
-        for name, value in (("lead", lead), ("clearance", clearance)):
+        for name, value in (("lead", lead), ("speed", speed), ("clearance", clearance)):
             if value is not None and not (math.isfinite(value) and value >= 0):
-                raise DefinitionError(f"{name} is {value:g} m", expected="0 or more")
-        super().__init__(most, _parts(hull), lead, float(clearance), position, heading)
+                raise DefinitionError(f"{name} is {value:g}", expected="0 or more")
+        super().__init__(most, _parts(hull), lead, speed, float(clearance), position, heading)
 
 
-def _parts(
-    hull: float | Sequence[Sequence[float]],
-) -> tuple[tuple[tuple[tuple[float, float], ...], float], ...]:
+def _parts(hull: float | Sequence[Sequence[float]]) -> Parts:
     """The convex parts of a hull, with their radii."""
     if isinstance(hull, int | float):
         if not (math.isfinite(hull) and hull >= 0):

@@ -72,24 +72,27 @@ class Obstructs(Protocol):
     name: str
     records: bytes
     count: int
+    velocity: tuple[float, float]
 
 
 class Near(NamedTuple):
     """What was near at a sample: of every pair the gap [m] and the number of the body, in turn.
 
     found: how many pairs there were, of which the nearest have places; -1 - k for a body k that is
-    not finite. obstacles: or how many discs without names.
+    not finite. obstacles: or discs without names, as of `disc_records`. evaded [m/s]: the speed of
+    obstacles that turning evades.
     """
 
     gaps: Array
     found: int
-    obstacles: tuple[Obstructs, ...] | int
+    obstacles: tuple[Obstructs, ...] | Array
+    evaded: float
 
     @property
     def names(self) -> tuple[str, ...]:
         """A name for every body."""
-        if isinstance(self.obstacles, int):
-            return tuple(f"obstacle {k}" for k in range(1, self.obstacles + 1))
+        if isinstance(self.obstacles, np.ndarray):
+            return tuple(f"obstacle {k}" for k in range(1, len(self.obstacles) + 1))
         named = enumerate(self.obstacles, 1)
         return tuple(o.name or f"obstacle {k}" for k, o in named for _ in range(o.count))
 
@@ -107,6 +110,16 @@ class Near(NamedTuple):
                 name = names[int(number)]
                 nearest[name] = min(gap, nearest.get(name, math.inf))
         return nearest
+
+    @property
+    def too_fast(self) -> tuple[str, ...]:
+        """The obstacles that are faster than turning evades."""
+        if isinstance(self.obstacles, np.ndarray):
+            speeds = np.linalg.norm(self.obstacles[:, 3:5], axis=1).tolist()
+        else:
+            speeds = [math.hypot(*o.velocity) for o in self.obstacles for _ in range(o.count)]
+        pairs = zip(self.names, speeds, strict=True)
+        return tuple(dict.fromkeys(n for n, speed in pairs if speed > self.evaded))
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -190,6 +203,11 @@ class Decision:
     def clearances(self) -> Mapping[str, float]:
         """Obstacle -> how far it is away, beside radii and clearance [m]; below 0 inside."""
         return self.near.clearances if self.near else {}
+
+    @property
+    def too_fast(self) -> tuple[str, ...]:
+        """Obstacles that come faster than turning moves the hull aside: braking is left."""
+        return self.near.too_fast if self.near else ()
 
     @property
     def left_out(self) -> tuple[str, ...]:

@@ -30,17 +30,21 @@ from holdfast.maths.definitions.law import Law, Repeated
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.value import Value
 
+Parts = tuple[tuple[tuple[tuple[float, float], ...], float], ...]
+"""The convex parts of a hull: the corners (ahead, left) of each, and a radius around them [m]."""
+
 
 @dataclass(frozen=True)
 class Clearing(Value):
     """How a filter keeps clear of obstacles that `step` is given: `hf.Obstacles` has the words.
 
-    parts: of the hull, each its corners (x, y) and a radius.
+    speed [m/s]: of the fastest obstacle; after `of`, what turning evades.
     """
 
     most: int
-    parts: tuple[tuple[tuple[tuple[float, float], ...], float], ...] = ((((0.0, 0.0),), 0.0),)
+    parts: Parts = ((((0.0, 0.0),), 0.0),)
     lead: float | None = None
+    speed: float | None = None
     clearance: float = 0.0
     position: tuple[str, str] = ("x", "y")
     heading: str | None = None
@@ -55,9 +59,11 @@ class Clearing(Value):
         return self.most * sum(len(corners) for corners, _ in self.parts)
 
     def of(self, system: System) -> Clearing:
-        """The same with a heading, and with the lead that a hull of one disc needs.
+        """The same with a heading, with the lead that a hull of one disc needs, and with the speed
+        of obstacles that turning evades, infinite where the vehicle needs no turn.
 
-        Raises `DefinitionError` for names that are no states, and where no lead is at hand.
+        Raises `DefinitionError` for names that are no states, and where no lead is at hand or the
+        lead is too short for the speed.
         """
         names = system.state_names
         for name in (*self.position, *([self.heading] if self.heading else [])):
@@ -70,7 +76,7 @@ class Clearing(Value):
         ((x, y), *more), radius = parts[0]
         if len(parts) == 1 and not more and (x, y) == (0.0, 0.0) and heading:
             if lead is None:
-                lead = usual_lead(system, self.position, heading)
+                lead = usual_lead(system, self.position, heading, self.speed)
             if lead:
                 parts = ((((lead, 0.0),), radius + lead),)
         for corners, _ in parts:
@@ -82,7 +88,14 @@ class Clearing(Value):
                         expected="points that can be moved both ways, as those ahead of an axle",
                         remedy="give a lead, or corners that are not beside the axle",
                     )
-        return Clearing(self.most, parts, lead, self.clearance, self.position, heading)
+        evaded = evaded_speed(system, self.position, heading, parts)
+        if self.speed is not None and evaded <= self.speed:
+            raise DefinitionError(
+                f"obstacles of {self.speed:g} m/s are faster than the {evaded:.3g} m/s at which "
+                f"turning moves the hull of '{system.name}' aside",
+                remedy="a longer lead" if lead is not None else "",
+            )
+        return Clearing(self.most, parts, lead, evaded, self.clearance, self.position, heading)
 
     def law(
         self,
@@ -109,18 +122,38 @@ MOST = 1000
 """Obstacles at a time."""
 
 
-def usual_lead(system: System, position: tuple[str, str], heading: str) -> float:
+def evaded_speed(system: System, position: tuple[str, str], heading: str, parts: Parts) -> float:
+    """The speed at which turning moves the least movable corner of a hull aside [m/s].
+
+    Infinite where the inputs move the position both ways without a turn, or where no bound of the
+    rate of turn is at hand.
+    """
+    if not heading or both_ways(system, position, heading, (0.0, 0.0)):
+        return math.inf
+    try:
+        turn = _most(system, sp.sympify(system.rates[heading]))
+    except DefinitionError:
+        turn = 0.0
+    least = min(abs(ahead) for corners, _ in parts for ahead, _ in corners)
+    return least * turn if turn > 0 else math.inf
+
+
+def usual_lead(
+    system: System, position: tuple[str, str], heading: str, obstacles: float | None
+) -> float:
     """How far ahead the point is that keeps clear: 0 where the inputs move the axis both ways.
 
-    Else it is the largest speed over the largest rate of turn, so that turning alone evades what
-    comes from abeam at any speed of the vehicle.
+    Else it is 1.25 times the speed of the `obstacles` over the largest rate of turn, or without
+    that speed the largest of the vehicle over it, so that turning alone evades what comes from
+    abeam.
     """
     if both_ways(system, position, heading, (0.0, 0.0)):
         return 0.0
     ahead = {s.symbol: sp.S.Zero for s in system.states if s.name == heading}
     try:
-        speed = _most(system, sp.sympify(system.rates[position[0]]).xreplace(ahead))
         turn = _most(system, sp.sympify(system.rates[heading]))
+        speed = 1.25 * obstacles if obstacles else 0.0
+        speed = speed or _most(system, sp.sympify(system.rates[position[0]]).xreplace(ahead))
     except DefinitionError:
         speed = turn = 0.0
     if not (speed > 0.0 and turn > 0.0):

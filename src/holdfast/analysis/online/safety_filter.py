@@ -427,6 +427,7 @@ class SafetyFilter(Remade):
             assert guard is not None
             assert guard.repeated is not None
             self._slots = ObstacleSlots(system, guard.repeated)
+            self._evaded = clearing.speed or math.inf
         self._count = self._of_many = 0
         self._fallback = fallback_of(system, fallback)
         self._made = made
@@ -516,8 +517,8 @@ class SafetyFilter(Remade):
         slots = self._slots
         found = slots.fill(row[: len(self.system.states)], obstacles)
         row[len(row) - len(slots.pairs) :] = slots.pairs
-        discs = isinstance(obstacles, np.ndarray)
-        return Near(slots.near.copy(), found, len(obstacles) if discs else tuple(obstacles))
+        around = obstacles.copy() if isinstance(obstacles, np.ndarray) else tuple(obstacles)
+        return Near(slots.near.copy(), found, around, self._evaded)
 
     @property
     def _pairs_handed(self) -> int:
