@@ -141,7 +141,7 @@ def find_pairs(
         row = pairs[i * PAIR :]
         for c in range(PAIR):
             row[c] = 0.0
-        row[3], row[4] = x + FAR, y
+        row[3], row[4], row[10] = x + FAR, y, 1.0
         near[2 * i], near[2 * i + 1] = math.inf, -1.0
     total, at, number = 0, 0, -1
     while at < size:
