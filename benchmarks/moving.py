@@ -54,6 +54,7 @@ class Traffic:
         speed = FASTEST * self.random.uniform(0.5, 1, (runs, DISCS, 1))
         self.velocity = speed * np.stack([np.cos(course), np.sin(course)], axis=-1)
         self.least, self.began = np.full(runs, np.inf), False
+        self.hit_at = np.full(runs, np.inf)
 
     def __call__(self, t, states):
         """The discs as the filter is told of them, nearest copies in the square that repeats."""
@@ -62,6 +63,7 @@ class Traffic:
         self.began = True
         gap = self.gap(states)
         self.least = np.minimum(self.least, np.linalg.norm(gap, axis=2).min(axis=1) - RADIUS)
+        self.hit_at = np.where((self.least < 0) & np.isinf(self.hit_at), t, self.hit_at)
         shape = (*gap.shape[:2], 1)
         return np.concatenate(
             [states[:, np.newaxis, :2] + gap, np.full(shape, RADIUS), self.velocity,
@@ -107,14 +109,23 @@ def drive(vehicle, kind, runs, filtered):
         law = hf.commanded(system)
     result = hf.simulate(
         system, law, command=command, starts=starts, horizon=SECONDS, sample_time=SAMPLE,
-        record_every=SECONDS,
+        record_every=0.1,
     )  # fmt: skip
     samples = result.arrays["infeasible"].values if filtered else np.zeros(runs)
+    warned = ""
+    if filtered and (traffic.least < 0).any():
+        at = result.arrays["time"].values
+        short = result.arrays["safeguard"].values == 2
+        ahead = []
+        for k in np.flatnonzero(traffic.least < 0):  # since when pinched, before the hit
+            before = np.flatnonzero(short[k] & (at <= traffic.hit_at[k]))
+            ahead.append(traffic.hit_at[k] - at[before[0]] if len(before) else 0.0)
+        warned = f", pinched {min(ahead):.1f} s or more before a hit"
     way = np.median(result.arrays["state"].values[:, -1, 0])
     return (
         f"{vehicle:9s} {kind:12s} {'filtered' if filtered else 'alone':9s} "
         f"hit {int((traffic.least < 0).sum()):3d} of {runs}, least {traffic.least.min():+.3f} m, "
-        f"infeasible {100 * samples.mean() / (SECONDS / SAMPLE):.2f} %, way {way:.1f} m"
+        f"infeasible {100 * samples.mean() / (SECONDS / SAMPLE):.2f} %, way {way:.1f} m{warned}"
     )
 
 

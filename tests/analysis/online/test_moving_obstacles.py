@@ -399,3 +399,57 @@ def test_obstacles_come_before_regions(robot):
     assert told.status.value in ("infeasible", "changed")
     if told.gave_way:
         assert "tug" not in told.gave_way
+
+
+# -- a region that moves ----------------------------------------------------------------------
+
+SPEED = hf.Parameter("closing", "m/s", value=0.2)
+
+
+def closing_gate(system, at=2.0):
+    """x <= 2 m - .2 m/s t: a gate that comes."""
+    level = hf.symbol("x") - (at - SPEED.symbol * hf.TIME)
+    return hf.Region("gate", system.states, (hf.Inequality("gate", level, "m"),), (SPEED,))
+
+
+@pytest.mark.parametrize("vehicle", ["robot", "boat"])
+def test_a_region_that_moves_is_kept(vehicle, request):
+    """Held back by the gate, which pushes the vehicle; the loop looks between samples too."""
+    system = request.getfixturevalue(vehicle)
+    gate, gains = closing_gate(system), (0.6, 3.0)
+    keep = hf.SafetyFilter(system, gate, gains=gains)
+    full = {"robot": 1.0, "boat": 8.0}[vehicle]
+    starts = np.zeros((1, len(system.states)))
+
+    def ahead(t, states):
+        return np.tile([full, 0.0], (len(states), 1))
+
+    kept = hf.simulate(system, keep.law, command=ahead, starts=starts, region=gate, horizon=12.0)
+    assert kept.viable == 1
+    assert -0.05 < kept.arrays["worst_constraint"].values[0, 0] < 1e-4
+    lost = hf.simulate(
+        system, hf.commanded(system), command=ahead, starts=starts, region=gate, horizon=12.0
+    )
+    assert lost.viable == 0
+
+
+def test_when_a_region_that_moves_is_left_is_exact(robot):
+    """x = t and x = 2 - .2 t meet at 2 / 1.2 s, between two samples."""
+
+    def ahead(t, states):
+        return np.tile([1.0, 0.0], (len(states), 1))
+
+    result = hf.simulate(
+        robot, hf.commanded(robot), command=ahead, starts=[[0, 0, 0], [0.5, 0, 0]],
+        region=closing_gate(robot), horizon=5.0,
+    )  # fmt: skip
+    assert result.arrays["exit_time"].values == pytest.approx([2 / 1.2, 1.5 / 1.2], abs=1e-9)
+
+
+def test_what_is_said_of_a_region_that_moves_is_of_the_time(robot):
+    keep = hf.SafetyFilter(robot, closing_gate(robot), gains=(1, 4))
+    early = keep.step([0, 0, 0], [1, 0], t=0.0)
+    late = keep.step([0, 0, 0], [1, 0], t=8.0)
+    assert early.value == pytest.approx(2.0)
+    assert late.value == pytest.approx(0.4)
+    assert "0.4 m away; with the command held it would have been violated in 0.33 s" in late.why

@@ -39,7 +39,7 @@ from holdfast.maths.control.safety_filter import Asked, asked_of, in_order, safe
 from holdfast.maths.control.velocity_tracking import commanded
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import Parameter
+from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
@@ -103,15 +103,15 @@ class Made:
         """How long the promise of the kernel lasts [s]."""
         return self.kernel.lasts if self.kernel else math.inf
 
-    def values(self, states: Array, looked_up: Array) -> Array:
-        """The value at states (count, states): V, or -max_j c_j of a region.
+    def values(self, t: float, states: Array, looked_up: Array) -> Array:
+        """The value at states (count, states): V, or -max_j c_j of a region at t [s].
 
         looked_up: what the law looks up there, at the remaining time.
         """
         if self.first is None:
             return np.full(len(states), math.nan)
         if isinstance(self.first, Region):
-            return -self._levels.values(states).max(axis=1)
+            return -self._levels.values(at_time(t, states)).max(axis=1)
         assert self.kernel is not None  # what is kept first is a kernel, the only one or the first
         timed = self.law.lookup is not None and self.law.lookup.timed
         return self.kernel.values(states, looked_up, timed)
@@ -119,10 +119,21 @@ class Made:
     @cached_property
     def _levels(self) -> Evaluator:
         assert isinstance(self.first, Region)
-        states = [q.symbol for q in self.system.states]
-        return Evaluator(
-            [c.expression for c in self.first.inequalities], states, self.first.parameters
-        )
+        return levels_of(self.system, self.first)
+
+
+def levels_of(system: System, region: Region) -> Evaluator:
+    """The c_j of a region, of the states and of t."""
+    return Evaluator(
+        [c.expression for c in region.inequalities],
+        [*(q.symbol for q in system.states), TIME],
+        region.parameters,
+    )
+
+
+def at_time(t: float, states: Array) -> Array:
+    """The states, and the time behind each: states (count, states), and (count, states + 1)."""
+    return np.hstack([states, np.full((len(states), 1), t)])
 
 
 def filter_of(
@@ -326,15 +337,32 @@ HORIZON = 10.0
 RECORDS = 500
 
 
+BEGAN = Parameter("forecast_began", "s", "when a motion begins", value=0.0)
+
+
+def _begun_later(region: Region) -> Region:
+    """A region that moves, at times from `BEGAN` on."""
+    return replace(
+        region,
+        inequalities=tuple(
+            replace(c, expression=c.expression.xreplace({TIME: TIME + BEGAN.symbol}))
+            for c in region.inequalities
+        ),
+        parameters=(*region.parameters, BEGAN),
+    )
+
+
 class Forecast:
     """Motions of a system whose input is held from a state on, with disturbances held or 0."""
 
     def __init__(self, system: System, region: Region | None) -> None:
-        self.system, self.region = system, region
+        self.system = system
         held = tuple(
             Parameter(f"held_{q.name}", q.unit, value=0.0)
             for q in (*system.inputs, *system.disturbances)
         )
+        if region is not None and region.moves:
+            region = _begun_later(region)
         self.names = [p.name for p in held]
         count = len(system.inputs)
         law = Law(
@@ -355,10 +383,13 @@ class Forecast:
             horizon=HORIZON, sample_time=step, record_every=step, threads=1, tolerance=1e-9
         )
 
-    def motion(self, state: Array, held: Sequence[float]) -> tuple[Array, Array, float, int]:
-        """Times, states, the time at which the region is left (NaN: not), and by which c_j. state:
-        shape (states,). The times have the shape (samples,), the states (samples, states)."""
-        values = dict(zip(self.names, map(float, held), strict=True))
+    def motion(
+        self, t: float, state: Array, held: Sequence[float]
+    ) -> tuple[Array, Array, float, int]:
+        """Times from t [s] on, states, the time at which the region is left (NaN: not), and by
+        which c_j. state: shape (states,). The times have the shape (samples,), the states (samples,
+        states)."""
+        values = dict(zip(self.names, map(float, held), strict=True)) | {BEGAN.name: t}
         parameters = tuple(
             replace(p, value=values.get(p.name, p.value)) for p in self._program.parameters
         )
@@ -398,10 +429,10 @@ class Reasons:
     def prepare(self) -> None:
         """Compile what a sentence needs."""
         if self.constraints is not None:
-            self._levels(np.zeros(len(self.system.states)))
+            self._evaluator.values(np.zeros((1, len(self.system.states) + 1)))
         if self.whole and not self.timed:
             held = len(self.system.inputs) + len(self.system.disturbances)
-            self._forecast.motion(np.zeros(len(self.system.states)), [0.0] * held)
+            self._forecast.motion(0.0, np.zeros(len(self.system.states)), [0.0] * held)
 
     def sentence(self, decision: Decision) -> str:
         """One sentence about a decision."""
@@ -572,7 +603,7 @@ class Reasons:
     def _distance(self, decision: Decision, name: str) -> str:
         assert self.constraints is not None
         names = self.constraints.inequality_names
-        level = float(self._levels(decision.seen)[names.index(name)])
+        level = float(self._levels(decision)[names.index(name)])
         unit = self.constraints.inequality(name).unit
         unit = "" if unit == "1" else f" {unit}"
         if level > 0:
@@ -591,22 +622,19 @@ class Reasons:
             return f"; the value is {decision.value:.3g} {self._unit}".rstrip()
         if not self.whole:
             return ""
-        levels = self._levels(decision.seen)
+        levels = self._levels(decision)
         names = self.constraints.inequality_names
         return f"; the nearest: {self._distance(decision, names[int(np.argmax(levels))])}"
 
-    def _levels(self, seen: Array) -> Array:
-        levels: Array = self._evaluator.values(seen[np.newaxis, : len(self.system.states)])[0]
+    def _levels(self, decision: Decision) -> Array:
+        states = decision.seen[np.newaxis, : len(self.system.states)]
+        levels: Array = self._evaluator.values(at_time(decision.t, states))[0]
         return levels
 
     @cached_property
     def _evaluator(self) -> Evaluator:
         assert self.constraints is not None
-        return Evaluator(
-            [c.expression for c in self.constraints.inequalities],
-            [q.symbol for q in self.system.states],
-            self.constraints.parameters,
-        )
+        return levels_of(self.system, self.constraints)
 
     def _exit(self, decision: Decision) -> tuple[float, int]:
         """When the command, held, would leave the set, and by which inequality; NaN: not soon.
@@ -617,7 +645,7 @@ class Reasons:
             return -1.0, -1
         held = [*decision.nominal, *self._disturbance(decision)]
         times, states, left, by = self._forecast.motion(
-            decision.seen[: len(self.system.states)], held
+            decision.t, decision.seen[: len(self.system.states)], held
         )
         if self.made.kernel is not None and self.constraints is None:
             fine = np.isfinite(states).all(axis=1)

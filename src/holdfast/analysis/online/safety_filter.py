@@ -588,7 +588,7 @@ class SafetyFilter(Remade):
             slack[k], overruled[k] = 0.0, True
         codes = np.select([~finite, outside, slack > 0.0, changed], [4, 3, 2, 1], default=0)
         status = tuple(_STATUSES[k] for k in codes.tolist())
-        value = np.where(finite, self._made.values(states, answers[:, rows.value]), math.nan)
+        value = np.where(finite, self._made.values(t, states, answers[:, rows.value]), math.nan)
         return Decisions(inputs, actuators, nominal, overruled, slack, value, status)
 
     def _past(self, t: float) -> bool:
@@ -707,7 +707,7 @@ class SafetyFilter(Remade):
         if self._told.states != self.system.state_names and isinstance(self._made.first, Region):
             return math.nan
         states = decision.seen[np.newaxis, : len(self.system.states)]
-        return float(self._made.values(states, np.array([decision.looked_up]))[0])
+        return float(self._made.values(decision.t, states, np.array([decision.looked_up]))[0])
 
     def reason(self, decision: Decision) -> str:
         """`Decision.why`."""

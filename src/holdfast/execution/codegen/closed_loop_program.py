@@ -555,9 +555,10 @@ def closed_loop_program(
     """
     controller = controller_program(system, law)
     switching = controller.switching
-    for watched in (region, goal):
-        if watched is not None:
-            watched.check_reads(system.name, system.states)
+    if region is not None:
+        region.check_states(system.name, system.states)
+    if goal is not None:
+        goal.check_reads(system.name, system.states)
     parameters = merge_parameters(
         controller.parameters,
         region.parameters if region else (),
@@ -707,8 +708,8 @@ def _leaves(
     | signals | time | seen | found in the table | believed | signals |
     | actuate | | command | believed | of the plant | requested, limited, input |
     | remember | time | seen | requested | believed | the next memory |
-    | constraints | | state | | of the plant | c_j |
-    | constraint_rates | | state | dq/dt | of the plant | dc_j/dt |
+    | constraints | time | state | | of the plant | c_j |
+    | constraint_rates | time | state | dq/dt | of the plant | dc_j/dt |
     | goal | | state | | of the plant | level |
     | wander | run, sample, seed | | processes | of the plant | the processes a sample later |
     | varied | | | | of the plant | values |
@@ -722,7 +723,8 @@ def _leaves(
     requested = controller.requested
     qdot = [sp.Symbol(f"_qdot{i}", real=True) for i in range(len(q))]  # no user name begins so
     rise = [
-        sum((e.diff(s) * r for s, r in zip(q, qdot, strict=True)), sp.S.Zero) for e in constraints
+        sum((e.diff(s) * r for s, r in zip(q, qdot, strict=True)), e.diff(TIME))
+        for e in constraints
     ]
     believed = [sp.Symbol(f"_believed{i}", real=True) for i in range(len(p))]
     limits = dict(zip(requested, controller.limited(), strict=True))

@@ -435,13 +435,16 @@ def crossing_leaves(states: int) -> dict[str, Leaf]:
 
 
 def _between(steps: Steps, values: Rows) -> list[Value]:
-    """The state at the fraction p of a step, by Hermite's polynomial: q, dq/dt at both ends."""
-    (s,), h, n = values["p"], clock(values)["h"], len(values["q"]) // 2
+    """The state at the fraction p of a step, by Hermite's polynomial: q, dq/dt at both ends; and
+    the time there."""
+    at = clock(values)
+    (s,), h, n = values["p"], at["h"], len(values["q"]) // 2
     a, da, b, db = values["q"][:n], values["q"][n:], values["x"][:n], values["x"][n:]
     s2 = s * s
     w = 3.0 * s2 - 2.0 * s2 * s
     rises = [(s - 2.0 * s2 + s2 * s) * u + (s2 * s - s2) * v for u, v in zip(da, db, strict=True)]
-    return [(1.0 - w) * x + w * y + h * rise for x, y, rise in zip(a, b, rises, strict=True)]
+    moved = [(1.0 - w) * x + w * y + h * rise for x, y, rise in zip(a, b, rises, strict=True)]
+    return [*moved, at["time"] + at["elapsed"] + s * h]
 
 
 def _rows(values: Rows) -> dict[str, Value]:

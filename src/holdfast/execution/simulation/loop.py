@@ -233,7 +233,7 @@ def field(w: Floats, s: Wholes, leaves: Wholes, t: int, q: int, out: int):
 def between(w: Floats, leaves: Wholes):
     """inside = c_j of every lane at its fraction of the step."""
     leaf("between", t=at.length, q=at.q, x=at.new, p=at.fraction, out=at.between)
-    leaf("constraints", t=at.time, q=at.between, p=at.plant, out=at.inside)
+    leaf("constraints", t=at.at, q=at.between, p=at.plant, out=at.inside)
 
 
 def look_at_one(w: Floats, leaves: Wholes, j: int):
@@ -327,7 +327,7 @@ def holdfast_begin(w: Floats, s: Wholes, leaves: Wholes, stop: Wholes):
         measure_now(w, leaves)
     remember_first(w, leaves)
     if shape.constraints:
-        leaf("constraints", q=at.q, p=at.plant, out=at.c0)
+        leaf("constraints", t=at.time, q=at.q, p=at.plant, out=at.c0)
         for lane in range(shape.width):
             for j in range(shape.constraints - 1, -1, -1):
                 c = w[at.c0 + j * shape.width + lane]

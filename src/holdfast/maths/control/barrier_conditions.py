@@ -52,7 +52,7 @@ def outward_rates(system: System, region: Region, law: Law | None = None) -> dic
     >>> hf.outward_rates(cart, slow, brake)
     {'fast': (-c*v - k*x)*sgn(v)}
     """
-    region.check_reads(system.name, system.states)
+    region.check_states(system.name, system.states)
     rates = {c.name: system.derivative(c.expression) for c in region.inequalities}
     if law is None:
         return rates
@@ -103,7 +103,7 @@ def viability_conditions(system: System, region: Region) -> tuple[ViabilityCondi
     >>> [condition.relative_degree for condition in hf.viability_conditions(cart, track)]
     [2, 2]
     """
-    region.check_reads(system.name, system.states)
+    region.check_states(system.name, system.states)
     values = {p.symbol: p.value for p in (*system.parameters, *region.parameters)}
     return tuple(
         _condition(system, inequality.name, piece)

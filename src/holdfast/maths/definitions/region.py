@@ -158,7 +158,8 @@ class Region(Printed):
     parameters: what they use besides. scene: the shapes to draw. empirical: why units do not count
     in it; without it they are checked where a user makes the region.
 
-    A moving region, whose inequalities depend on `TIME`, is for kernels and reachable sets.
+    A moving region, whose inequalities depend on `TIME`, is for kernels, reachable sets, safety
+    filters and closed loops.
 
     Raises `DefinitionError` without an inequality, for two of the same name, and for an expression
     of undeclared names.
@@ -235,7 +236,8 @@ class Region(Printed):
         if self.moves:
             raise DefinitionError(
                 f"region '{self.name}' depends on time",
-                expected="a stationary region; only kernels and reachable sets allow a moving one",
+                expected="a stationary region; only kernels, reachable sets, safety filters and "
+                "closed loops allow a moving one",
             )
 
     @property
