@@ -211,13 +211,7 @@ def test_region_that_moves_out_of_the_grid_is_refused():
 def test_region_that_moves_is_refused_where_it_would_be_taken_to_stand():
     slow, law = boat(), hf.Law("still", STATE, {"u": sp.S.Zero})
     for use in (
-        lambda: hf.simulate(slow, law, starts=[[0.0]], region=WALL, horizon=1.0),
         lambda: hf.simulate(slow, law, starts=[[0.0]], goal=WALL, horizon=1.0),
-        lambda: hf.simulate(slow, law, starts=hf.Starts(random=3, box={"x": (-1, 1)}), region=WALL,
-                            horizon=1.0),
-        lambda: hf.outward_rates(slow, WALL),
-        lambda: hf.viability_conditions(slow, WALL),
-        lambda: hf.safeguard(slow, law, WALL),
         lambda: hf.redesign(law, WALL, viable={"c0": law, "c1": law},
                             layers={"c0": (-0.2, -0.1), "c1": (-0.2, -0.1)}),
         lambda: hf.regulation_map(slow, WALL, [0.0]),

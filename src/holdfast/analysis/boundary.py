@@ -337,6 +337,7 @@ class Boundary:
         if not (isinstance(tolerance, (int, float)) and 0 < tolerance < np.inf):
             raise DefinitionError(f"tolerance is {tolerance!r}", expected="a number above 0")
         self.system, self.region, self.tolerance = system, region, tolerance
+        region.check_still()
         self.conditions: tuple[ViabilityCondition, ...] = viability_conditions(system, region)
         declared = merge_parameters(system.parameters, region.parameters)
         self.given = dict(parameters or {})

@@ -345,7 +345,7 @@ def test_filter_of_a_kernel_has_no_box(craft):
     with pytest.raises(
         DefinitionError, match="uncertain is given, which a kernel's filter has not"
     ):
-        _check_options(True, False, uncertain={"m": (1, 2)}, gains=None, margins=None,
+        _check_options(True, False, False, uncertain={"m": (1, 2)}, gains=None, margins=None,
                        constraints=None, disturbance_measured=False, worst=())  # fmt: skip
 
 
