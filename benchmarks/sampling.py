@@ -23,7 +23,7 @@ LAWS = {
     "legs, current": ("measured", "current_of_10"),
     "convergent (5.18)": ("safeguarded", "5 N"),
 }
-"""Title -> safeguarded law and case of `holdfast compare ch5-rescue`; its legs are those of `inspection`."""
+"""Title -> safeguarded law and case of `holdfast compare ch5-rescue`; the legs of `inspection`."""
 FILTERS = {
     "5 N": "5 N",
     "1 N": "1 N",
