@@ -157,7 +157,7 @@ def _by_unit(title: str, units: Sequence[str], names: Sequence[str], values: Arr
     ]
 
 
-NEAR = 0.2
+NEAR = 0.5
 """A limit is drawn if an input reaches this share of it, and otherwise only named."""
 
 MARKS = {
@@ -205,7 +205,7 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
                 marks = _mark(axis, time, answers)
             axis.set_xlim(time[0], end)
         deepest = sum(max(legends[k::rows]) for k in range(rows))
-        figure.set_figheight(1.45 * rows + style.ROW_HEIGHT * deepest + 0.6)
+        figure.set_figheight(1.55 * rows + style.ROW_HEIGHT * deepest + 0.6)
         figure.suptitle(told(result, run), fontsize=9)
         for axis in flat[len(shown) :]:
             axis.set_visible(False)

@@ -387,7 +387,8 @@ def regulation_map_figure(found: RegulationMap) -> Figure:
             middle = foot + along * float(along @ (0.5 - foot))
             ends = np.array([middle - 2 * along, middle + 2 * along]) * span + low
             colour = style.LINES[j % len(style.LINES)]
-            axis.plot(*ends.T, color=colour, label=name.replace("_", " "))
+            drawn = {"color": colour, "linestyle": style.dashes(j)}
+            axis.plot(*ends.T, label=name.replace("_", " "), **drawn)
             tip = middle - 0.1 * normal / size
             arrow = {"arrowstyle": "-|>", "color": colour}
             axis.annotate("", tip * span + low, middle * span + low, arrowprops=arrow)
