@@ -95,6 +95,9 @@ Shape = Segment | Cone | Footprint | Circle | ZeroLevel
 CONSTRAINT, GOAL = "constraint", "goal"
 """The roles of zero levels."""
 
+WALLS = ("wall", "obstacle", "room")
+"""The roles of segments that are drawn as walls: one, a side of an obstacle, and of a room."""
+
 
 def _remedy(relation: sp.logic.boolalg.Boolean) -> str:
     match relation:
