@@ -42,9 +42,9 @@ def test_nothing_is_recorded_after_a_run_has_diverged():
     """x' = x^2 + d is infinite before t = 1 s, unless it begins below 0."""
     bursting = hf.System(
         name="bursting",
-        states=(hf.Quantity("x", "m"),),
-        inputs=(hf.Quantity("push", "m/s"),),
-        disturbances=(hf.Quantity("d", "m/s"),),
+        states=(hf.Quantity("x"),),
+        inputs=(hf.Quantity("push"),),
+        disturbances=(hf.Quantity("d"),),
         rates={"x": X**2 + hf.symbol("d") + hf.symbol("push")},
     )
     law = hf.Law("idle", bursting.states, {"push": sp.S.Zero})
