@@ -17,8 +17,9 @@ DAY = 86400.0
 
 def line(rate, most=1.0, parameters=(), samples=0):
     return hf.System(
-        "line", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": rate},
+        "line", (hf.Quantity("x", "m"),), (hf.Quantity("u", "1"),), {"x": rate},
         parameters=parameters, input_bounds=hf.Box((-most,), (most,)), samples=samples,
+        empirical="rates are numbers",
     )  # fmt: skip
 
 

@@ -20,7 +20,8 @@ def runs(disturbance, **settings):
 def test_disturbance_is_recorded_where_the_vehicle_is_with_the_numbers_of_its_run():
     size = hf.symbol("size")
     varied = Varied({"size": (0.1, 1.0)}, {}, {}, {"size": "m/s"})
-    data = runs({"Vx": size * sp.cos(Y + hf.TIME), "Vy": size * sp.sin(X)}, varied=varied)
+    field = {"Vx": size * sp.cos(1.0 * Y + hf.TIME), "Vy": size * sp.sin(1.0 * X)}
+    data = runs(field, varied=varied)
     size = data["varied"].values
     q, t = data["state"].values, data["time"].values
     assert np.ptp(size) > 0.5
