@@ -49,6 +49,19 @@ def pytest_collection_modifyitems(config, items):
 
 TESTS = Path(__file__).parent
 WITH_UNITS = (
+    "analysis/",
+    "execution/",
+    "host/",
+    "interop/",
+    "known_solutions/test_beside_hj_reachability.py",
+    "known_solutions/test_car_on_a_lane.py",
+    "known_solutions/test_exact_kernels.py",
+    "known_solutions/test_foreign_plants.py",
+    "known_solutions/test_inner_sets.py",
+    "known_solutions/test_joint_inputs.py",
+    "known_solutions/test_least_times.py",
+    "known_solutions/test_orders_of_convergence.py",
+    "known_solutions/test_polygons.py",
     "maths/definitions/test_units_of_expressions.py",
     "promises/test_catalogue.py",
     "test_documentation.py",
@@ -57,14 +70,15 @@ WITH_UNITS = (
     "test_remedies.py",
     "test_scenarios.py",
 )
-"""Files in which units of definitions are checked as a user has it, beside all files of scenarios.
+"""Folders and files in which units of definitions are checked as a user has it, beside all files of scenarios.
 
 The models of other tests are numbers, in which a gain of 1 with a unit is not written.
 """
 
 
 def _check_units_in(path):
-    arguments._AT_WORK.depth = int(path not in [TESTS / name for name in WITH_UNITS])
+    checked = path.is_relative_to(TESTS) and str(path.relative_to(TESTS)).startswith(WITH_UNITS)
+    arguments._AT_WORK.depth = int(not checked)
 
 
 @pytest.hookimpl(wrapper=True)

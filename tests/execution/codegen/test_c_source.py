@@ -148,10 +148,10 @@ def test_numbers_and_names_of_any_kind_make_c(tmp_path):
     """A number of NumPy; units and modes that would end a comment, or be letters in older C."""
     k = hf.Parameter("k", "m*/s ??/", "half ???/ of /* it", value=np.linspace(0.1, 1, 3)[1])
     x = hf.Quantity("x", "m")
-    law = hf.Law("steer", (x,), {"u": -hf.symbol("k") * x.symbol}, (k,))
+    law = hf.Law("steer", (x,), {"u": -hf.symbol("k") * x.symbol}, (k,), empirical="odd units")
     u = hf.Quantity("u", "m/s")
     system = hf.System(name="s", states=(x,), inputs=(u,), rates={"x": u.symbol})
-    both = hf.Switching("both\n*/ int", {"a*/b": law, "??/": law})
+    both = hf.Switching("both\n*/ int", {"a*/b": law, "??/": law}, empirical="odd units")
     c = built(tmp_path, export_c(system, both, "law_"), "law_")
     assert ctypes.c_double.in_dll(c, "law__parameters").value == 0.55
 
