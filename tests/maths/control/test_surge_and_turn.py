@@ -299,7 +299,7 @@ def like_a_drifting_unicycle(**rates):
         like_a_drifting_unicycle(x=U * sp.cos(PSI) + VX + VY),
         like_a_drifting_unicycle(y=U * sp.sin(2 * PSI) + VY),
         like_a_drifting_unicycle(psi=2 * R),
-        like_a_drifting_unicycle(psi=R + VX),
+        like_a_drifting_unicycle(psi=R + VX / 2),
         replace(
             hf.systems.drifting_unicycle(),
             name="still",

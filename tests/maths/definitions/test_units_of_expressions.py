@@ -274,6 +274,12 @@ def test_other_units_than_those_of_the_si_are_told_apart():
         hf.System("turned", (hf.Quantity("a", "deg"),), (), {"a": "cos(a)"})
     with pytest.raises(DefinitionError, match="'x' of system 'odd' has the unit 'wink'"):
         hf.System("odd", (hf.Quantity("x", "wink"),), (), {"x": "0"})
+    with pytest.raises(
+        DefinitionError, match="inequality 'wall' of region 'odd' has the unit 'wink'"
+    ):
+        hf.Region("odd", STATES, (hf.Inequality("wall", X, "wink"),))
+    with pytest.raises(DefinitionError, match="'seen' of system 'car' has the unit 'wink'"):
+        car(measurements=(hf.Measurement("seen", "wink", X),))
 
 
 @pytest.mark.parametrize(

@@ -58,11 +58,6 @@ LONGEST = 60
 _DURATIONS = (TIME_IN_MODE, SAMPLE_TIME, DELAY)
 
 
-def kind_of_unit(unit: str) -> Kind:
-    """What is written of a unit."""
-    return Free.ANY if not unit or isinstance(unit, Unwritten) else dimension(unit)
-
-
 def product(*kinds: Kind) -> Kind:
     if Free.ANY in kinds:
         return Free.ANY
@@ -119,16 +114,20 @@ class Units:
         self.owner, self.what = owner, ""
         self.kinds: dict[sp.Basic, Kind] = {}
         for q in quantities:
-            try:
-                self.kinds[q.symbol] = kind_of_unit(q.unit)
-            except UnitError as error:
-                raise DefinitionError(
-                    f"'{q.name}' of {owner} has the unit '{q.unit}', which is none",
-                    expected=error.expected,
-                ) from None
+            self.kinds[q.symbol] = self.written(q.unit, f"'{q.name}'")
         self.plain = all(k == NONE or isinstance(k, Free) for k in self.kinds.values())
         self.kinds |= {TIME: Free.ANY}
         self.kinds |= dict.fromkeys(_DURATIONS, Free.ANY if self.plain else SECOND)
+
+    def written(self, unit: str, whose: str) -> Kind:
+        """What is written of the unit of `whose`; `DefinitionError` for text that is none."""
+        try:
+            return Free.ANY if not unit or isinstance(unit, Unwritten) else dimension(unit)
+        except UnitError as error:
+            raise DefinitionError(
+                f"{whose} of {self.owner} has the unit '{unit}', which is none",
+                expected=error.expected,
+            ) from None
 
     def per_second(self, kind: Kind) -> Kind:
         """That of a rate of what has this; what has none may count time in anything."""
