@@ -219,6 +219,8 @@ class Units:
         kinds = self.kinds
         if isinstance(part, functions.select):
             return self._same(args[1:], [kinds[a] for a in args[1:]], "chooses between", part)
+        if isinstance(part, _SIGNS):
+            return Free.NUMBER
         of = [kinds[a] for a in args]
         if part.is_Mul:
             start = 1 if args[0] is sp.S.NegativeOne else 0
@@ -234,8 +236,6 @@ class Units:
             return NONE
         if isinstance(part, (functions.magnitude, sp.Abs)):
             return of[0]
-        if isinstance(part, _SIGNS):
-            return Free.NUMBER
         if isinstance(part, _EQUAL):
             return self._same(args, of, "compares", part)
         if isinstance(part, _OF_NUMBERS):
@@ -290,15 +290,15 @@ def are_not_checked(empirical: object, owner: str) -> bool:
 
 
 def _arguments(part: sp.Basic) -> Sequence[sp.Basic]:
-    """The arguments whose units count; of a condition, those of its parts."""
+    """The arguments whose units count; of a condition and of a sign, those of their parts."""
     if isinstance(part, functions.select):
         return *_levels(part.args[0]), *part.args[1:]
-    return part.args
+    return [*_levels(part.args[0])] if isinstance(part, _SIGNS) else part.args
 
 
 def _levels(e: sp.Basic) -> Iterator[sp.Basic]:
     """What is compared with 0 in a condition, whose "and" is the least, "or" the greatest."""
-    if isinstance(e, _EQUAL):
+    if isinstance(e, (*_EQUAL, functions.select)):
         for part in e.args:
             yield from _levels(part)
     elif e.is_Mul and len(e.args) == 2 and e.args[0] is sp.S.NegativeOne:
