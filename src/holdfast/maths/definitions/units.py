@@ -11,6 +11,7 @@ Only what is written is checked, so that what is refused is wrong with any readi
 | a sum, least, greatest, select | that of its terms, which is the same |
 | a product, a power | the product, the power; an exponent has none |
 | the argument of sin, exp, wrap, ... | none, or an angle in rad |
+| what is compared with 0 in a condition, the argument of sgn | any, and each part of it its own |
 """
 
 from __future__ import annotations
