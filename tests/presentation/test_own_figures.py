@@ -30,7 +30,7 @@ def disc(name, x, y, radius, sign=1):
 
 FIELD = (
     disc("rock", 3, 0.5, hf.symbol("size")), disc("small_tree", 6, -1, 0.004),
-    hf.Inequality("fence", Y - 3, "m"), hf.Inequality("turned", sp.Abs(PSI) - 3 - Y, "rad"),
+    hf.Inequality("fence", Y - 3, "m"), hf.Inequality("turned", sp.Abs(PSI) - 3 - 1.0 * Y, "rad"),
 )  # fmt: skip
 
 
@@ -270,7 +270,7 @@ def kernel():
         "my_cart", (x, v), (hf.Quantity("a", "m/s^2"),), {"x": V, "v": hf.symbol("a")},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
-    lane = hf.Region("my_lane", (x,), (hf.Inequality("ends", X**2 - 1, "m"),))
+    lane = hf.Region("my_lane", (x,), (hf.Inequality("ends", X**2 - 1, "m^2"),))
     return hf.viability_kernel(cart, lane, hf.grid(cart, {"x": (-2, 2), "v": (-2, 2)}, 21), 3.0)
 
 
@@ -395,7 +395,7 @@ def test_constraint_has_the_same_dashes_in_paths_histories_and_the_page(car):
          hf.Inequality("near", -1 - X, "m"), hf.Inequality("high", Y - 1, "m")),
     )  # fmt: skip
     result = hf.simulate(
-        car, hf.Law("sway", car.states, {"w": sp.cos(X)}), region=region, horizon=9.0,
+        car, hf.Law("sway", car.states, {"w": sp.cos(1.0 * X)}), region=region, horizon=9.0,
         starts=hf.Starts(states=({"x": 0, "y": 0.5}, {"x": -0.9, "y": -0.8})), start_outside=True,
     )  # fmt: skip
     paths, histories = hf.paths_figure(result), hf.histories_figure(result)

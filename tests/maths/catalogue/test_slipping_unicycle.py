@@ -84,6 +84,7 @@ def under(scenario, law, slips):
         disturbances=(),
         disturbance_bounds=None,
         pfaffian=(),
+        empirical="the worst of constraints in several units",
     )
     return hf.simulate(
         real, law, starts=scenario.starts, region=region, seed=2, tolerance=1e-3,

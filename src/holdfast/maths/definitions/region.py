@@ -35,7 +35,6 @@ from holdfast.maths.definitions.quantity import (
 from holdfast.maths.definitions.units import (
     Units,
     are_not_checked,
-    kind_of_unit,
     of_another_unit,
 )
 from holdfast.maths.definitions.value import Printed, Value, short_text
@@ -208,8 +207,8 @@ class Region(Printed):
             return
         units = Units(f"region '{self.name}'", self.reads + self.parameters)
         for c in self.inequalities:
-            wanted = kind_of_unit(c.unit)
-            units.check(c.expression, f"inequality '{c.name}'", wanted, "its unit")
+            what = f"inequality '{c.name}'"
+            units.check(c.expression, what, units.written(c.unit, what), "its unit")
 
     def check_states(self, system: str, states: Sequence[Quantity]) -> None:
         """Refuse it where it reads what is no state of a system, or a state in another unit."""

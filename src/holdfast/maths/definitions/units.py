@@ -11,6 +11,7 @@ Only what is written is checked, so that what is refused is wrong with any readi
 | a sum, least, greatest, select | that of its terms, which is the same |
 | a product, a power | the product, the power; an exponent has none |
 | the argument of sin, exp, wrap, ... | none, or an angle in rad |
+| what is compared with 0 in a condition, the argument of sgn | any, and each part of it its own |
 """
 
 from __future__ import annotations
@@ -56,11 +57,6 @@ LONGEST = 60
 """Characters of a term in a message."""
 
 _DURATIONS = (TIME_IN_MODE, SAMPLE_TIME, DELAY)
-
-
-def kind_of_unit(unit: str) -> Kind:
-    """What is written of a unit."""
-    return Free.ANY if not unit or isinstance(unit, Unwritten) else dimension(unit)
 
 
 def product(*kinds: Kind) -> Kind:
@@ -119,16 +115,20 @@ class Units:
         self.owner, self.what = owner, ""
         self.kinds: dict[sp.Basic, Kind] = {}
         for q in quantities:
-            try:
-                self.kinds[q.symbol] = kind_of_unit(q.unit)
-            except UnitError as error:
-                raise DefinitionError(
-                    f"'{q.name}' of {owner} has the unit '{q.unit}', which is none",
-                    expected=error.expected,
-                ) from None
+            self.kinds[q.symbol] = self.written(q.unit, f"'{q.name}'")
         self.plain = all(k == NONE or isinstance(k, Free) for k in self.kinds.values())
         self.kinds |= {TIME: Free.ANY}
         self.kinds |= dict.fromkeys(_DURATIONS, Free.ANY if self.plain else SECOND)
+
+    def written(self, unit: str, whose: str) -> Kind:
+        """What is written of the unit of `whose`; `DefinitionError` for text that is none."""
+        try:
+            return Free.ANY if not unit or isinstance(unit, Unwritten) else dimension(unit)
+        except UnitError as error:
+            raise DefinitionError(
+                f"{whose} of {self.owner} has the unit '{unit}', which is none",
+                expected=error.expected,
+            ) from None
 
     def per_second(self, kind: Kind) -> Kind:
         """That of a rate of what has this; what has none may count time in anything."""
@@ -220,6 +220,8 @@ class Units:
         kinds = self.kinds
         if isinstance(part, functions.select):
             return self._same(args[1:], [kinds[a] for a in args[1:]], "chooses between", part)
+        if isinstance(part, _SIGNS):
+            return Free.NUMBER
         of = [kinds[a] for a in args]
         if part.is_Mul:
             start = 1 if args[0] is sp.S.NegativeOne else 0
@@ -235,8 +237,6 @@ class Units:
             return NONE
         if isinstance(part, (functions.magnitude, sp.Abs)):
             return of[0]
-        if isinstance(part, _SIGNS):
-            return Free.NUMBER
         if isinstance(part, _EQUAL):
             return self._same(args, of, "compares", part)
         if isinstance(part, _OF_NUMBERS):
@@ -291,15 +291,15 @@ def are_not_checked(empirical: object, owner: str) -> bool:
 
 
 def _arguments(part: sp.Basic) -> Sequence[sp.Basic]:
-    """The arguments whose units count; of a condition, those of its parts."""
+    """The arguments whose units count; of a condition and of a sign, those of their parts."""
     if isinstance(part, functions.select):
         return *_levels(part.args[0]), *part.args[1:]
-    return part.args
+    return [*_levels(part.args[0])] if isinstance(part, _SIGNS) else part.args
 
 
 def _levels(e: sp.Basic) -> Iterator[sp.Basic]:
     """What is compared with 0 in a condition, whose "and" is the least, "or" the greatest."""
-    if isinstance(e, _EQUAL):
+    if isinstance(e, (*_EQUAL, functions.select)):
         for part in e.args:
             yield from _levels(part)
     elif e.is_Mul and len(e.args) == 2 and e.args[0] is sp.S.NegativeOne:
