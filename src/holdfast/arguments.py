@@ -79,6 +79,13 @@ class Two:
     names: str
 
 
+@dataclass(frozen=True)
+class Says:
+    """Of an argument of text: what it says."""
+
+    what: str
+
+
 Written = Annotated[sp.Expr, str]
 """An expression, or its text in names of quantities: `expression_of`."""
 

@@ -24,7 +24,7 @@ from holdfast.maths.definitions.quantity import (
     frozen,
     merge_parameters,
 )
-from holdfast.maths.definitions.units import Units, are_not_checked
+from holdfast.maths.definitions.units import Empirical, Units, are_not_checked
 from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
 
 
@@ -149,7 +149,7 @@ class Switching(Printed):
     memory: Memory | None = None
     description: str = ""
     source: str = ""
-    empirical: str = field(default="", kw_only=True, compare=False)
+    empirical: Empirical = field(default="", kw_only=True, compare=False)
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         turns = [f"{t.source} -> {t.target} as soon as {short_text(t.when)} >= 0"

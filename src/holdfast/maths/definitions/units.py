@@ -18,9 +18,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
+from typing import Annotated
 
 import sympy as sp
 
+from holdfast.arguments import Says
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.definitions.quantity import (
@@ -280,12 +282,18 @@ class Units:
         return Free.NUMBER if Free.NUMBER in kinds else Free.ANY
 
 
+REASON = 'empirical = "drag fitted to a tank test"'
+"""How a definition says why its units do not count."""
+
+Empirical = Annotated[str, Says(f"the reason as text, such as {REASON}")]
+
+
 def are_not_checked(empirical: object, owner: str) -> bool:
     """Whether a definition says why its units do not count; `DefinitionError` for no text."""
     if not isinstance(empirical, str):
         raise DefinitionError(
             f"empirical of {owner} is {empirical!r}",
-            expected='the reason as text, such as "a fit to data"',
+            expected=f"the reason as text, such as {REASON}",
         )
     return bool(empirical)
 
@@ -325,7 +333,7 @@ def remedy_of(lacking: Kind) -> str:
         remedy = "write units of the SI, such as m and rad"
     else:
         remedy = f"correct it, or multiply it by a parameter in {unit_text(lacking)}"
-    return f'{remedy}; where units do not count say why: empirical = "a fit to data"'
+    return f"{remedy}; where units do not count say why: {REASON}"
 
 
 def _shown(e: sp.Basic) -> str:

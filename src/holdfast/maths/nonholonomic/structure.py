@@ -30,7 +30,7 @@ from holdfast.arguments import checked, written_by_user
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, Quantity, given_number, symbol
 from holdfast.maths.definitions.system import FlatOutput, PfaffianRow, System
-from holdfast.maths.definitions.units import Free, Units, power, product, unit_text
+from holdfast.maths.definitions.units import Empirical, Free, Units, power, product, unit_text
 from holdfast.maths.expressions.functions import (
     angle,
     greatest,
@@ -53,7 +53,7 @@ def kinematic_system(
     parameters: tuple[Parameter, ...] = (),
     description: str = "",
     source: str = "",
-    empirical: str = "",
+    empirical: Empirical = "",
 ) -> System:
     """The system q' = sum_i g_i(q) w_i of all motions that A(q) q' = 0 allows.
 

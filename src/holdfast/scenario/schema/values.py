@@ -22,6 +22,7 @@ import pydantic
 import sympy as sp
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     StringConstraints,
@@ -32,7 +33,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from holdfast.arguments import Least, Two, Unit, UnitsOf, hints_of
+from holdfast.arguments import Least, Says, Two, Unit, UnitsOf, hints_of
 from holdfast.errors import HoldfastError, RenamedWarning, ScenarioError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, to_si
 from holdfast.maths.definitions.system import FlatOutput
@@ -60,6 +61,17 @@ def _two(what: str) -> WrapValidator:
             raise PydanticCustomError(PAIR, "two " + what) from None
 
     return WrapValidator(check)
+
+
+def _text(what: str) -> BeforeValidator:
+    """Answer what is no text with what the text says."""
+
+    def check(value: object) -> object:
+        if not isinstance(value, str):
+            raise PydanticCustomError("text", what)
+        return value
+
+    return BeforeValidator(check)
 
 
 # TOML has arrays only, which strict checking would refuse for a tuple
@@ -218,6 +230,8 @@ def _written(hint: Any, meaning: Meaning) -> Any:
                 written = Annotated[written, Field(ge=extra.value)]
             elif isinstance(extra, Two):
                 written = Annotated[tuple[float, float], _Array, _two(f"numbers [{extra.names}]")]
+            elif isinstance(extra, Says):
+                written = Annotated[written, _text(extra.what)]
         return written
     one_of = origin in (Union, types.UnionType)
     if not one_of and not (isinstance(origin, type) and issubclass(origin, Mapping | Sequence)):
@@ -359,7 +373,7 @@ def _complaint(
     shown = repr(error["input"])
     return ScenarioError(
         f"{file}: {key}: got {shown if len(shown) < 80 else shown[:77] + '...'}",
-        expected=error["msg"].replace("Input should be ", ""),
+        expected=error["msg"].replace("Input should be ", "").replace("a valid string", "text"),
     )
 
 
