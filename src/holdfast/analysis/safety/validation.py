@@ -23,6 +23,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import takewhile
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,7 @@ from holdfast.maths.definitions.quantity import TIME, Quantity, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.value import COLUMNS, Printed
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.functions import clip
 from holdfast.maths.games.hamiltonian import without_closed_form
@@ -93,15 +95,26 @@ def confirmation(share: float, claim: str, whence: str, edge: Rate | None, misse
 @dataclass(frozen=True)
 class Trials:
     """Starts against one kind of disturbance: `kept` stayed in the region, or, of a basin, reached
-    the goal through it, and never left the grid on the way. off_grid: the number that left the
-    grid, where V is unknown, before the region. excursion: the largest max_j c_j / s_j of any run
-    (NaN for a basin, whose runs continue beyond the goal)."""
+    the goal through it, and never left the grid on the way. off_grid: the number that was lost to
+    nothing else: they left the grid, beyond which V is unknown, before the region. excursion: the
+    largest max_j c_j / s_j of any run (NaN for a basin, whose runs continue beyond the goal)."""
 
     what: str
     kept: Rate
     off_grid: int
     excursion: float
     relaxed: int
+
+    @property
+    def refuting(self) -> int:
+        """The number of lost starts that left the region, or missed the goal, within the grid."""
+        return self.kept.total - self.kept.count - self.off_grid
+
+    @property
+    def line(self) -> str:
+        """The numbers, for `print`."""
+        off = f", {self.off_grid} left the grid" if self.off_grid else ""
+        return f"{self.kept.count} of {self.kept.total} kept{off}"
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json."""
@@ -125,9 +138,9 @@ class Layer:
     """States of the set nearer to its edge than the starts `inside`, and what of them is kept.
 
     where: the depth in words; down_to: the depth at which the layer ends. share: of the volume of
-    the set. missed: by how much the worst of the lost starts leaves the region, or misses the goal,
-    in the unit of V. allowed: how much a held input may lose there; a layer that misses more
-    refutes the set. None within a cell of the edge, which a grid does not know better.
+    the set. missed: by how much the worst of the lost starts within the grid leaves the region, or
+    misses the goal, in the unit of V. allowed: how much a held input may lose there; a layer that
+    misses more refutes the set. None within a cell of the edge, which a grid does not know better.
     """
 
     where: str
@@ -145,7 +158,13 @@ class Layer:
     @property
     def refutes(self) -> bool:
         """Whether more is lost than an input that is held may lose."""
-        return self.lost > 0 and self.allowed is not None and not self.missed <= self.allowed
+        lost = self.trials.refuting > 0
+        return lost and self.allowed is not None and not self.missed <= self.allowed
+
+    @property
+    def unknown(self) -> bool:
+        """Whether starts that are to be kept leave the grid."""
+        return self.allowed is not None and self.trials.off_grid > 0
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json."""
@@ -154,8 +173,8 @@ class Layer:
         return {"where": self.where, **more, **self.trials.summary()}
 
 
-@dataclass(frozen=True)
-class Promise:
+@dataclass(frozen=True, repr=False)
+class Promise(Printed):
     """Closed loops from random states inside the set, and from states of K outside it.
 
     margin: V of the states inside is above it, and of those outside below -margin. None: one cell
@@ -182,10 +201,22 @@ class Promise:
     share: float = 1.0
     layers: tuple[Layer, ...] = ()
 
+    def _lines(self) -> tuple[str, list[str], list[str]]:
+        head = f"Promise over {self.horizon:g} s, by '{self.law}': {self.outcome}"
+        rows = [(t.what, t) for t in self.inside] + [(b.where, b.trials) for b in self.layers]
+        if self.outside is not None:
+            rows.append((f"at least {self.depth_outside} outside", self.outside))
+        return (
+            head,
+            [f"{what}: {trials.line}" for what, trials in rows],
+            wrap(self.conclusion, COLUMNS - 2),
+        )
+
     @property
     def held(self) -> bool:
         """Whether every run from inside stayed, and no start refutes the set."""
-        return all(t.kept.count == t.kept.total for t in self.inside) and self._refuting is None
+        kept = all(t.kept.count == t.kept.total for t in self.inside)
+        return kept and self._refuting is None and not any(b.unknown for b in self.layers)
 
     @property
     def confirmed(self) -> bool:
@@ -195,9 +226,9 @@ class Promise:
     @property
     def outcome(self) -> str:
         """One of CONFIRMED, FROM_INSIDE, UNCONFIRMED, FELL_SHORT."""
-        if not self.held:
+        if self.inside[0].refuting or self._refuting is not None:
             return FELL_SHORT
-        if self.doubt:
+        if self.doubt or not self.held:
             return UNCONFIRMED
         return FROM_INSIDE if any(b.lost for b in self.layers) else CONFIRMED
 
@@ -231,9 +262,12 @@ class Promise:
         """A difference of V with its unit."""
         return f"{value:.3g}" + ("" if self.unit == "1" else f" {self.unit}")
 
-    def _beyond(self, missed: float) -> str:
+    def _beyond(self, layers: Sequence[Layer]) -> str:
         """How far lost starts come."""
-        return f"by up to {self._amount(missed)}" if math.isfinite(missed) else "some off the grid"
+        if any(b.trials.off_grid for b in layers):
+            return "some off the grid"
+        missed = max(b.missed for b in layers)
+        return f"by up to {self._amount(missed)}" if math.isfinite(missed) else "some without end"
 
     @property
     def depth_outside(self) -> str:
@@ -244,17 +278,27 @@ class Promise:
     def verdict(self) -> str:
         """The shortfall of the promise as a sentence, or an empty text."""
         total = self.inside[0]
-        if total.kept.count < total.kept.total:
+        if total.refuting:
             off = f", {total.off_grid} left the grid" if total.off_grid else ""
             return f"{shortfall(total.kept, self.depth, self.aim)}{off}"
         if (layer := self._refuting) is not None:
             assert layer.allowed is not None
             return (
                 f"the promise falls short: {layer.lost} of {layer.trials.kept.total} starts "
-                f"{layer.where} are lost, {self._beyond(layer.missed)}, where an input "
+                f"{layer.where} are lost, {self._beyond([layer])}, where an input "
                 f"held for {1000 * self.sample_time:g} ms may lose {self._amount(layer.allowed)}"
             )
-        return f"the promise is not confirmed: {self.doubt}" if self.doubt else ""
+        tried = [(f"{self.depth} inside", total)]
+        tried += [(b.where, b.trials) for b in self.layers if b.unknown]
+        left = next(((where, t) for where, t in tried if t.off_grid), None)
+        if left is None:
+            return f"the promise is not confirmed: {self.doubt}" if self.doubt else ""
+        where, trials = left
+        return (
+            f"the promise is not confirmed: {trials.off_grid} of {trials.kept.total} starts "
+            f"{where} leave the grid before the region, and what becomes of them beyond it is not "
+            "known; widen the grid until none does"
+        )
 
     @property
     def conclusion(self) -> str:
@@ -268,7 +312,7 @@ class Promise:
         whence = [self.depth, *(b.down_to for b in self._kept_layers)][-1]
         rates = [b.trials.kept for b in rest]
         edge = Rate(sum(r.count for r in rates), sum(r.total for r in rates))
-        missed = self._beyond(max(b.missed for b in rest))
+        missed = self._beyond(rest)
         return confirmation(self.kept_share, claim, whence, edge, f", {missed}")
 
     def summary(self) -> dict[str, Any]:
@@ -323,6 +367,12 @@ class Runs:
     def excursion(self) -> float:
         return float(np.max(self.worst))
 
+    @property
+    def refuted(self) -> Truths:
+        """The runs that are lost within the grid."""
+        lost: Truths = ~self.kept & ~self.off_grid
+        return lost
+
     def part(self, which: slice) -> Runs:
         """Those of some starts."""
         return Runs(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
@@ -346,7 +396,8 @@ def layers_of(outer: Outer, every: Sequence[Runs], loss: float | None) -> tuple[
         runs = [r.part(slice(ahead, ahead + len(states))) for r in every]
         ahead += len(states)
         if len(states):
-            missed = max(float(np.where(r.kept, 0.0, r.missed).max()) for r in runs)
+            within = [np.where(r.kept | r.off_grid, 0.0, r.missed) for r in runs]
+            missed = max(float(m.max()) for m in within)
             trials = _against_all(runs)
             layers.append(Layer(where, down_to, share, trials, max(missed, 0.0), allowed))
     return tuple(layers)
@@ -355,7 +406,7 @@ def layers_of(outer: Outer, every: Sequence[Runs], loss: float | None) -> tuple[
 def _against_all(every: Sequence[Runs]) -> Trials:
     """The starts against all that was tried."""
     stood: Any = np.stack([r.kept for r in every]).all(axis=0)
-    off: Any = np.stack([r.off_grid for r in every]).any(axis=0) & ~stood
+    off: Any = ~stood & ~np.stack([r.refuted for r in every]).any(axis=0)
     relaxed: Any = np.stack([r.relaxed for r in every]).any(axis=0)
     worst = float(np.max([r.excursion for r in every]))
     what = ALL if len(every) > 1 else NO_DISTURBANCE
@@ -511,6 +562,7 @@ def check_promise(
     every = [run(what, starts, count) for count, what in enumerate(kinds)]
     by_kind = {what: r.part(slice(0, runs)) for what, r in zip(kinds, every, strict=True)}
     unbeaten: Any = np.stack([r.kept for r in by_kind.values()]).all(axis=0)
+    refuted: Any = np.stack([r.refuted for r in by_kind.values()]).any(axis=0)
     trials = [r.trials(what) for what, r in by_kind.items()]
     beaten = _beaten(inside, by_kind)
     if model.disturbances:
@@ -522,15 +574,17 @@ def check_promise(
             tried = run(RESTARTS, np.repeat(inside[again], TRIES, axis=0), len(kinds))
             beaten += _beaten(np.repeat(inside[again], TRIES, axis=0), {RESTARTS: tried}, TRIES)
             stood: Any = tried.kept.reshape(-1, TRIES).all(axis=1)
-            off = tried.off_grid.reshape(-1, TRIES).any(axis=1) & ~stood
+            beat: Any = tried.refuted.reshape(-1, TRIES).any(axis=1)
+            off = ~stood & ~beat
             unbeaten[again] &= stood
+            refuted[again] |= beat
             relaxed = int(tried.relaxed.reshape(-1, TRIES).any(axis=1).sum())
             rate_again = Rate(int(stood.sum()), int(stood.size))
             trials.append(Trials(RESTARTS, rate_again, int(off.sum()), tried.excursion, relaxed))
         total = Trials(
             ALL,
             Rate(int(unbeaten.sum()), runs),
-            sum(b.outcome == Outcome.OFF_GRID.label for b in beaten),
+            int((~unbeaten & ~refuted).sum()),
             float(np.max([t.excursion for t in trials])),
             max(t.relaxed for t in trials),
         )
