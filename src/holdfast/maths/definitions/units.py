@@ -120,7 +120,9 @@ class Units:
     def __init__(self, owner: str, quantities: Iterable[Quantity]) -> None:
         self.owner, self.what = owner, ""
         self.kinds: dict[sp.Basic, Kind] = {}
+        self.written: dict[sp.Basic, str] = {}
         for q in quantities:
+            self.written[q.symbol] = str(q.unit)
             try:
                 self.kinds[q.symbol] = kind_of_unit(q.unit)
             except UnitError as error:
@@ -131,6 +133,10 @@ class Units:
         self.plain = all(k == NONE or isinstance(k, Free) for k in self.kinds.values())
         self.kinds |= {TIME: Free.ANY}
         self.kinds |= dict.fromkeys(_DURATIONS, Free.ANY if self.plain else SECOND)
+
+    def shown(self, e: sp.Basic, kind: Kind) -> str:
+        """The unit of an expression; that of a quantity as it is written."""
+        return self.written.get(e) or unit_text(kind)
 
     def per_second(self, kind: Kind) -> Kind:
         """That of a rate of what has this; what has none may count time in anything."""
@@ -160,7 +166,7 @@ class Units:
         kind = self.of(e, what)
         if not fits(kind, wanted):
             raise self.refused(
-                f"{_shown(e)} is in {unit_text(kind)}",
+                f"{_shown(e)} is in {self.shown(e, kind)}",
                 expected=f"{unit_text(wanted)}, {of}",
                 lacking=product(wanted, power(kind, -1.0)),
             )
@@ -258,7 +264,8 @@ class Units:
         """Refuse the argument of a function that has a unit."""
         if not fits(kind, NONE):
             raise self.refused(
-                f"the term {_shown(part)}, whose {_shown(argument)} is in {unit_text(kind)}",
+                f"the term {_shown(part)}, whose {_shown(argument)} is in "
+                f"{self.shown(argument, kind)}",
                 expected="an angle in rad or a number without a unit",
                 lacking=power(kind, -1.0),
             )
@@ -274,7 +281,9 @@ class Units:
             if first < 0:
                 first = i
             elif kind != kinds[first] and not fits(kinds[first], kind):
-                terms = [f"{_shown(parts[k])} in {unit_text(kinds[k])}" for k in (first, i)]
+                terms = [
+                    f"{_shown(parts[k])} in {self.shown(parts[k], kinds[k])}" for k in (first, i)
+                ]
                 subject = f"{_shown(whole)} {does}" if whole is not None else f"it {does}"
                 raise self.refused(f"{subject} {' and '.join(terms)}", expected="one unit")
         if first >= 0:

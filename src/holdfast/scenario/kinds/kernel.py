@@ -72,7 +72,7 @@ class KernelScenario(SetScenario):
         about: tuple[Region | None, ...] = (self.about,)
         if self.kind == "capture-basin":
             about = (self.goal, self.region)
-        with at(self.file, "march"):
+        with at(self.file, "march", self.text):
             value = ASKED[self.kind](
                 self.system, *about, self.grid, self.horizon, progress=progress, **self.options
             )
