@@ -17,7 +17,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.safety.validation import Layer, Promise, Trials
+from holdfast.analysis.safety.promise import Layer, Promise, Trials
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.errors import HoldfastError
 from tests.command_line import holdfast
@@ -70,7 +70,7 @@ FILES = {
     ("v*cos(th)", "v*cos(v)"): "the rate of 'x' of system 'mower': the term 'cos(v)', whose 'v' is in "
         "m/s; expected an angle in rad or a number without a unit; correct it, or multiply it by a "
         "parameter in s/m; where units do not count say why: empirical = ",
-    ("v*cos(th)", "v*cos(th) + w"): "'v*cos(th) + w' adds 'w' in 1/s and 'v*cos(th)' in m/s; expected one",
+    ("v*cos(th)", "v*cos(th) + w"): "'v*cos(th) + w' adds 'w' in rad/s and 'v*cos(th)' in m/s; expected one",
     ("[0, 1]", '["0 m/s^2", "1 m/s^2"]'): "system.inputs.v.bounds: the unit 'm/s^2' does not fit; expected 'm/s'",
     ("[0, 1]", '[0, "1 knotz"]'): "system.inputs.v.bounds: '1 knotz' is not an expression",
     ("abs(y) - 3", "y**2"): "region: inequality 'lawn' of region 'region': 'y**2' is in m^2; expected m",
@@ -80,7 +80,7 @@ FILES = {
     ("[-1, 1]", '["61 deg/s", "-61 deg/s"]'): ', written as ["61 deg/s", "-61 deg/s"]',
     ('["-180 deg", "180 deg"]', '["180 deg", "-180 deg"]'): "grid: the interval of 'th' is [3.14159, "
         '-3.14159], written as box.th = ["180 deg", "-180 deg"]; expected low < high',
-    ("horizon = 1", 'horizon = "-2 min"'): 'march: horizon: -120.0, written as horizon = "-2 min"',
+    ("horizon = 1", 'horizon = "-2 min"'): 'march: the horizon [s] is -120.0, written as horizon = "-2 min"',
     ('unit = "rad/s"', 'unit = "deg/s"'): "'w' is in deg/s; expected 1/s",
 }  # fmt: skip
 
