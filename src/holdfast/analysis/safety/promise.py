@@ -164,8 +164,8 @@ class Promise(Printed):
     @property
     def held(self) -> bool:
         """Whether every run from inside stayed, and no start refutes the set."""
-        kept = all(t.kept.count == t.kept.total for t in self.inside)
-        return kept and self._refuting is None and not any(b.unknown for b in self.layers)
+        stayed = all(t.kept.count == t.kept.total for t in self.inside)
+        return stayed and self._refuting is None and not any(b.unknown for b in self.layers)
 
     @property
     def confirmed(self) -> bool:

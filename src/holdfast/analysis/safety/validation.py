@@ -88,7 +88,7 @@ class Runs:
 
     @property
     def refuted(self) -> Truths:
-        """The runs that are lost within the grid."""
+        """The runs that are lost within the grid, shape (runs,)."""
         lost: Truths = ~self.kept & ~self.off_grid
         return lost
 
