@@ -210,7 +210,7 @@ def test_numbers_and_values_of_functions_have_the_unit_that_fits(rate):
     [
         (V * sp.cos(V) + B, "the term 'cos(v)', whose 'v' is in m/s"),
         (V + B, "adds 'brake' in m/s^2 and 'v' in m/s"),
-        (B + TH, "'th' in 1"),
+        (B + TH, "'th' in rad"),
         (sp.Min(B, V), "compares"),
         (B * sp.exp(X), "the term 'exp(x)'"),
         (B * V, "'brake*v' is in m^2/s^3; expected m/s^2, the unit of it per second"),

@@ -554,9 +554,9 @@ def check_inside(posed: Posed, reached: Ends) -> None:
                         f"region '{region.name}' has no end along '{axis.name}', and no grid "
                         "contains it",
                         expected="a region that ends within the grid",
-                        remedy=f"add the constraint {within} <= 0 (of region "
-                        f"'camera_view': along_wall), or give ends = {{\"{axis.name}\": "
-                        '"extrapolated"} and accept extrapolated values',
+                        remedy=f"add the constraint {within} <= 0 to region '{region.name}', or "
+                        f'give ends = {{"{axis.name}": "extrapolated"}} and accept extrapolated '
+                        "values",
                     )
                 wide = _end_of_region(posed, i, where)
                 far = "widen it" if wide is None else f"widen it to {axis.name} = {wide:.6g}"

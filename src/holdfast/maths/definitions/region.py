@@ -33,6 +33,7 @@ from holdfast.maths.definitions.quantity import (
     numbers_text,
 )
 from holdfast.maths.definitions.units import (
+    Empirical,
     Units,
     are_not_checked,
     of_another_unit,
@@ -178,7 +179,7 @@ class Region(Printed):
     scene: tuple[Shape, ...] = ()
     description: str = ""
     source: str = ""
-    empirical: str = field(default="", kw_only=True, compare=False)
+    empirical: Empirical = field(default="", kw_only=True, compare=False)
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         conditions = [

@@ -37,7 +37,7 @@ from holdfast.maths.definitions.quantity import (
     symbol,
 )
 from holdfast.maths.definitions.switching import Switching, Transition
-from holdfast.maths.definitions.units import Units, are_not_checked, of_another_unit
+from holdfast.maths.definitions.units import Empirical, Units, are_not_checked, of_another_unit
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.traversal import derivatives
 
@@ -274,7 +274,7 @@ class System(Printed):
     measurements: tuple[Measurement, ...] = ()
     promoted: tuple[str, ...] = ()
     flat_output: FlatOutput | None = None
-    empirical: str = field(default="", kw_only=True, compare=False)
+    empirical: Empirical = field(default="", kw_only=True, compare=False)
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         counts = [

@@ -19,9 +19,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
+from typing import Annotated
 
 import sympy as sp
 
+from holdfast.arguments import Says
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.definitions.quantity import (
@@ -114,7 +116,9 @@ class Units:
     def __init__(self, owner: str, quantities: Iterable[Quantity]) -> None:
         self.owner, self.what = owner, ""
         self.kinds: dict[sp.Basic, Kind] = {}
+        self.texts: dict[sp.Basic, str] = {}
         for q in quantities:
+            self.texts[q.symbol] = str(q.unit)
             self.kinds[q.symbol] = self.written(q.unit, f"'{q.name}'")
         self.plain = all(k == NONE or isinstance(k, Free) for k in self.kinds.values())
         self.kinds |= {TIME: Free.ANY}
@@ -129,6 +133,10 @@ class Units:
                 f"{whose} of {self.owner} has the unit '{unit}', which is none",
                 expected=error.expected,
             ) from None
+
+    def shown(self, e: sp.Basic, kind: Kind) -> str:
+        """The unit of an expression; that of a quantity as it is written."""
+        return self.texts.get(e) or unit_text(kind)
 
     def per_second(self, kind: Kind) -> Kind:
         """That of a rate of what has this; what has none may count time in anything."""
@@ -158,7 +166,7 @@ class Units:
         kind = self.of(e, what)
         if not fits(kind, wanted):
             raise self.refused(
-                f"{_shown(e)} is in {unit_text(kind)}",
+                f"{_shown(e)} is in {self.shown(e, kind)}",
                 expected=f"{unit_text(wanted)}, {of}",
                 lacking=product(wanted, power(kind, -1.0)),
             )
@@ -256,7 +264,8 @@ class Units:
         """Refuse the argument of a function that has a unit."""
         if not fits(kind, NONE):
             raise self.refused(
-                f"the term {_shown(part)}, whose {_shown(argument)} is in {unit_text(kind)}",
+                f"the term {_shown(part)}, whose {_shown(argument)} is in "
+                f"{self.shown(argument, kind)}",
                 expected="an angle in rad or a number without a unit",
                 lacking=power(kind, -1.0),
             )
@@ -272,7 +281,9 @@ class Units:
             if first < 0:
                 first = i
             elif kind != kinds[first] and not fits(kinds[first], kind):
-                terms = [f"{_shown(parts[k])} in {unit_text(kinds[k])}" for k in (first, i)]
+                terms = [
+                    f"{_shown(parts[k])} in {self.shown(parts[k], kinds[k])}" for k in (first, i)
+                ]
                 subject = f"{_shown(whole)} {does}" if whole is not None else f"it {does}"
                 raise self.refused(f"{subject} {' and '.join(terms)}", expected="one unit")
         if first >= 0:
@@ -280,12 +291,18 @@ class Units:
         return Free.NUMBER if Free.NUMBER in kinds else Free.ANY
 
 
+REASON = 'empirical = "drag fitted to a tank test"'
+"""How a definition says why its units do not count."""
+
+Empirical = Annotated[str, Says(f"the reason as text, such as {REASON}")]
+
+
 def are_not_checked(empirical: object, owner: str) -> bool:
     """Whether a definition says why its units do not count; `DefinitionError` for no text."""
     if not isinstance(empirical, str):
         raise DefinitionError(
             f"empirical of {owner} is {empirical!r}",
-            expected='the reason as text, such as "a fit to data"',
+            expected=f"the reason as text, such as {REASON}",
         )
     return bool(empirical)
 
@@ -325,7 +342,7 @@ def remedy_of(lacking: Kind) -> str:
         remedy = "write units of the SI, such as m and rad"
     else:
         remedy = f"correct it, or multiply it by a parameter in {unit_text(lacking)}"
-    return f'{remedy}; where units do not count say why: empirical = "a fit to data"'
+    return f"{remedy}; where units do not count say why: {REASON}"
 
 
 def _shown(e: sp.Basic) -> str:

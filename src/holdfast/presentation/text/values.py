@@ -14,7 +14,7 @@ from holdfast.analysis.decomposition.parts_law import PartsPromise
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.equilibria import RestingState
-from holdfast.analysis.safety.validation import Promise, Trials
+from holdfast.analysis.safety.promise import Promise, Trials
 
 
 def parts_text(

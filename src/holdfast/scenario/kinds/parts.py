@@ -167,6 +167,7 @@ class PartsScenario(SetScenario):
     apart: Apart
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.inner:
             raise ScenarioError(
                 f"{self.file}: march.inner: of a set that is put together", remedy="leave it out"
