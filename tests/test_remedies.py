@@ -301,6 +301,7 @@ def test_a_folder_that_was_deleted_is_one_line(here):
 SWEEP = ("sweep", "ch2-unicycle", "--over", "law.k=1:2:500", "--workers", "1", "--runs", "200")
 
 
+@pytest.mark.heavy
 def test_an_interrupted_sweep_says_what_is_kept_and_how_to_go_on(here):
     command = [sys.executable, "-m", "holdfast", *SWEEP]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
