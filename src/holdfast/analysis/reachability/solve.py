@@ -275,9 +275,10 @@ def solve(
     further = coarser(posed, grids)  # refused before the march, if it cannot be
     h = hamiltonian_of(posed)
     start = _begun(posed, h, begin, until)
+    keeps = problem.limit == "shrink"
     value = answered(posed, h, progress, start, until)
     if further:
-        sharp = problem.limit == "shrink" and not marching.first_order
+        sharp = keeps and not marching.first_order
         march = marched if sharp else marched_to_rest
         rougher = [march(other, h) for other in further]
         value = with_error_in_cells(with_error(value, rougher), rougher[0])
@@ -285,13 +286,8 @@ def solve(
         value = with_outside(value, posed, lambda other: marched_to_rest(other, h))
     if progress is not None:
         progress(1.0)  # a march that comes to rest has not gone the whole way
-    return replace(value.reported(definition=definition(system)), claim=_claim(problem))
-
-
-def _claim(problem: Problem) -> Claim:
-    return (
-        Claim(problem.start) if problem.limit == "shrink" else Claim(problem.above, problem.start)
-    )
+    claim = Claim(problem.start) if keeps else Claim(problem.above, problem.start)
+    return replace(value.reported(definition=definition(system)), claim=claim)
 
 
 def _begun(
