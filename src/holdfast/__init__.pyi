@@ -70,6 +70,7 @@ from .analysis.simulation.sweep_table import Campaign as Campaign
 from .analysis.simulation.sweep_table import Costs as Costs
 from .analysis.simulation.sweep_table import Tuning as Tuning
 from .errors import AngleWarning as AngleWarning
+from .errors import DisputedSetWarning as DisputedSetWarning
 from .errors import GainWarning as GainWarning
 from .errors import HoldfastError as HoldfastError
 from .errors import ModelWarning as ModelWarning

@@ -72,6 +72,10 @@ class PromiseFellShortWarning(UserWarning):
     """A kernel in use whose promise was tried in closed loop, and fell short."""
 
 
+class DisputedSetWarning(UserWarning):
+    """A set to be reached against a disturbance, part of which only one of two schemes reaches."""
+
+
 class SlowWarning(UserWarning):
     """A computation that takes much longer than it would with more memory."""
 

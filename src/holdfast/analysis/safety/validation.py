@@ -351,7 +351,14 @@ def _part(tell: Progress | None, begin: float, parts: int) -> Callable[[float], 
 
 
 def _doubt(report: Report) -> str:
-    """The doubt that the set touches ends of the grid beyond which its value is extrapolated."""
+    """The doubt that a part of the set is disputed, or that the set touches ends of the grid beyond
+    which its value is extrapolated."""
+    if report.disputed_share:
+        return (
+            f"{100 * report.disputed_share:.2g} % of the set are disputed: only a scheme of first "
+            "order reaches them; let differences be states where two players move something apart, "
+            "or take a finer grid"
+        )
     ends = report.ends_reached
     if not ends or report.nodes_from_outside == 0:
         return ""
