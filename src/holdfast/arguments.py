@@ -172,6 +172,16 @@ def for_user() -> Iterator[None]:
         _AT_WORK.depth = depth
 
 
+@contextmanager
+def for_house() -> Iterator[None]:
+    """What is made within was checked where it was made first, as in a store."""
+    _AT_WORK.depth += 1
+    try:
+        yield
+    finally:
+        _AT_WORK.depth -= 1
+
+
 def _of_user(function: Callable[..., Any]) -> Callable[..., Any]:
     """A function that a user has written, and that public functions call."""
 
