@@ -74,27 +74,27 @@ def in_current(direction: int, starts: int, *more: str) -> hf.Result:
 
 
 BEYOND: dict[str, tuple[str, ...]] = {
-    "constant yaw moment of 0.02 N m": (
+    "yaw moment, 0.02 N m": (
         "system.unmodelled={ tau_r = [-0.02, 0.02] }", "disturbance.unmodelled_tau_r=0.02",
     ),
-    "the same, its bound counted (`worst`)": (
+    "the same, with `worst`": (
         "system.unmodelled={ tau_r = [-0.02, 0.02] }", "disturbance.unmodelled_tau_r=0.02",
         'safeguard.worst=["unmodelled_tau_r"]',
     ),
     "thruster lag of 0.1 s": ("system.lag={ tau_u = 0.1, tau_r = 0.1 }",),
     "thruster lag of 0.3 s": ("system.lag={ tau_u = 0.3, tau_r = 0.3 }",),
     "one thruster 20 % weak": (),
-    "measured current that veers, one turn in 63 s": (*CURRENT, *flow("direction + 0.1*t")),
-    "measured current that veers, one turn in 13 s": (*CURRENT, *flow("direction + 0.5*t")),
-    "measured current that jumps by 180 degrees every 7.9 s": (
+    "current turns in 63 s": (*CURRENT, *flow("direction + 0.1*t")),
+    "current turns in 13 s": (*CURRENT, *flow("direction + 0.5*t")),
+    "current jumps in 7.9 s": (
         *CURRENT, 'varied.draws.phase={ range = ["-180 deg", "180 deg"], unit = "rad" }',
         *flow("direction + pi*select(sin(0.4*t + phase), 0, 1)"),
     ),
-    "measured current that jumps by 180 degrees every 1.6 s": (
+    "current jumps in 1.6 s": (
         *CURRENT, 'varied.draws.phase={ range = ["-180 deg", "180 deg"], unit = "rad" }',
         *flow("direction + pi*select(sin(2*t + phase), 0, 1)"),
     ),
-    "measured current, starts on a limit": (
+    "current, starts on a limit": (
         *CURRENT, *flow("direction"),
         'starts.active=[["edge_low"], ["edge_high"], ["too_near"], ["too_far"]]',
     ),

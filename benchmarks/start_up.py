@@ -114,10 +114,10 @@ def laws(machine: Machine) -> dict[str, float]:
     machine.python(SIMULATE.format(name="ch2-unicycle"))
     plain, viable = (SIMULATE.format(name=n) for n in ("ch5-nominal", "inspection"))
     return {
-        "first result of a law nobody compiled: plain (ch5-nominal)": machine.python(plain),
-        "the same in a second process": machine.python(plain),
-        "first result of a law nobody compiled: viable (inspection)": machine.python(viable),
-        "the same, inspection, in a second process": machine.python(viable),
+        "plain law": machine.python(plain),
+        "plain law, again": machine.python(plain),
+        "viable law": machine.python(viable),
+        "viable law, again": machine.python(viable),
     }
 
 
@@ -126,15 +126,12 @@ def commands(machine: Machine) -> dict[str, float]:
         :1
     ]
     (machine.folder / "ferry.toml").write_text(ferry, "utf-8")
-    found = {"`holdfast run ch2-unicycle`, the first command of an install, no figures":
-             machine.command("run", "ch2-unicycle", "--no-figures")}  # fmt: skip
+    found = {"`ch2-unicycle`, first": machine.command("run", "ch2-unicycle", "--no-figures")}
     for name in ("ferry.toml", "inspection"):
-        for what in ("a new file", "warm"):
-            found[f"`holdfast run {name}`, {what}, no figures"] = machine.command(
-                "run", name, "--no-figures"
-            )
+        for what in ("new", "warm"):
+            found[f"`{name}`, {what}"] = machine.command("run", name, "--no-figures")
     machine.command("run", "inspection")  # Matplotlib's cache of fonts
-    found["`holdfast run inspection`, warm, with figures"] = machine.command("run", "inspection")
+    found["`inspection`, figures"] = machine.command("run", "inspection")
     return found
 
 
@@ -145,9 +142,8 @@ def marches(machine: Machine) -> dict[str, float]:
             MARCH.format(folder=BESIDE, scheme=scheme, problem=problem)
             for problem in ("aircraft((41, 40, 41), 5)", "game(41, 5)")
         )
-        found[f"first march of a machine, three states, {scheme}"] = machine.python(first)
-        name = f"first call of a march nobody compiled, three states, {scheme}"
-        found[name] = machine.python(other)
+        found[f"march, {scheme}, first"] = machine.python(first)
+        found[f"march, {scheme}"] = machine.python(other)
     return found
 
 
@@ -157,12 +153,10 @@ def peer(name: str, code: str) -> Callable[[Machine], dict[str, float]]:
 
 def peers() -> Iterator[Callable[[Machine], dict[str, float]]]:
     if importlib.util.find_spec("jax"):
-        name = "peer: JAX scan, columns, plain law by hand: first result"
-        yield peer(name, JAX.format(folder=BESIDE))
+        yield peer("peer: plain law", JAX.format(folder=BESIDE))
     if importlib.util.find_spec("hj_reachability"):
         for accuracy in ("low", "very_high"):
-            name = f"peer: hj_reachability, three states, 41^3, {accuracy}: first call"
-            yield peer(name, PEER_MARCH.format(accuracy=accuracy))
+            yield peer(f"peer: march, {accuracy}", PEER_MARCH.format(accuracy=accuracy))
 
 
 def main() -> None:

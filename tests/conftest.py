@@ -3,7 +3,6 @@
 import gc
 import os
 import signal
-from pathlib import Path
 
 os.environ.setdefault("SYMPY_CACHE_SIZE", "50000")  # many systems in one process
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -15,7 +14,6 @@ import sympy as sp
 from hypothesis import settings
 
 import holdfast as hf
-from holdfast import arguments
 
 np.seterr(all="raise", under="ignore")
 settings.register_profile("here", deadline=None)  # the machine may do other things as well
@@ -45,37 +43,6 @@ def pytest_collection_modifyitems(config, items):
         for item in items
         if any(item.get_closest_marker(name) for name in ("heavy", "thesis"))
     }
-
-
-TESTS = Path(__file__).parent
-WITH_UNITS = (
-    "maths/definitions/test_units_of_expressions.py",
-    "promises/test_catalogue.py",
-    "test_documentation.py",
-    "test_extending.py",
-    "test_readme.py",
-    "test_remedies.py",
-    "test_scenarios.py",
-)
-"""Files in which units of definitions are checked as a user has it, beside all files of scenarios.
-
-The models of other tests are numbers, in which a gain of 1 with a unit is not written.
-"""
-
-
-def _check_units_in(path):
-    arguments._AT_WORK.depth = int(path not in [TESTS / name for name in WITH_UNITS])
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report(collector):
-    _check_units_in(collector.path)
-    return (yield)
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item):
-    _check_units_in(item.path)
 
 
 @pytest.fixture(scope="session")

@@ -77,7 +77,7 @@ def post(x=0.0):
 
 
 EMPTY = hf.Region("empty", PLACE, SIDES)
-GOAL = hf.Region("goal", PLACE, (hf.Inequality("disk", X**2 + Y**2 - 0.3, "m"),))
+GOAL = hf.Region("goal", PLACE, (hf.Inequality("disk", X**2 + Y**2 - 0.3, "m^2"),))
 BOX = {"x": (-2, 1), "y": (-1.3, 1.3), "psi": (-math.pi, math.pi)}
 
 
@@ -120,14 +120,14 @@ def mirrored_on_a_ring(**options):
     """The first state is an angle that is not reflected; settled nodes are skipped."""
     turn, y, v, u = (hf.symbol(n) for n in ("turn", "y", "v", "u"))
     states = (
-        hf.Quantity("turn", "rad", angle=True), hf.Quantity("y", "m"), hf.Quantity("v", "m/s"),
+        hf.Quantity("turn", "rad", angle=True), hf.Quantity("y"), hf.Quantity("v"),
     )  # fmt: skip
     system = hf.System(
-        "carousel", states, (hf.Quantity("u", "m/s^2"),),
+        "carousel", states, (hf.Quantity("u"),),
         {"turn": 1 + v**2, "y": v * sp.sin(turn), "v": u}, input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
     wide = 1 + sp.cos(turn) / 4
-    walls = hf.Region("walls", states[:2], (hf.Inequality("walls", y**2 - wide, "m"),))
+    walls = hf.Region("walls", states[:2], (hf.Inequality("walls", y**2 - wide),))
     box = {"turn": (-math.pi, math.pi), "y": (-1.3, 1.3), "v": (-1.2, 1.2)}
     over = hf.grid(system, box, {"turn": 19, "y": 40, "v": 15}, {"v": "limited"})
     signs = {"y": -1, "v": -1}
@@ -145,7 +145,9 @@ def mirrored_moving_kernel(**options):
 
 def moving_set(**options):
     """A goal that moves within a lane that moves, beyond which the set is lost."""
-    goal = hf.Region("goal", PLACE, (hf.Inequality("disk", (X + hf.TIME) ** 2 + Y**2 - 0.3, "m"),))
+    goal = hf.Region(
+        "goal", PLACE, (hf.Inequality("disk", (X + hf.TIME) ** 2 + Y**2 - 0.3, "m^2"),)
+    )
     return hf.capture_basin(ROBOT, goal, post(1 + 0.5 * hf.TIME), grid(), 0.3, **options)
 
 
@@ -166,13 +168,13 @@ def basin(**options):
 def two_carts(**options):
     """Four states."""
     x, v, y, w, u, d = (hf.symbol(n) for n in ("x", "v", "y", "w", "u", "d"))
-    states = tuple(hf.Quantity(n, "m" if n in "xy" else "m/s") for n in ("x", "v", "y", "w"))
-    inputs = (hf.Quantity("u", "m/s^2"), hf.Quantity("d", "m/s^2"))
+    states = tuple(hf.Quantity(n) for n in ("x", "v", "y", "w"))
+    inputs = (hf.Quantity("u"), hf.Quantity("d"))
     system = hf.System(
         "two_carts", states, inputs, {"x": v, "v": u, "y": w, "w": d + x / 4},
         input_bounds=hf.Box((-1, -1), (1, 1)),
     )  # fmt: skip
-    apart = hf.Region("apart", states, (hf.Inequality("apart", x**2 + y**2 - 1, "m"),))
+    apart = hf.Region("apart", states, (hf.Inequality("apart", x**2 + y**2 - 1),))
     box = {"x": (-1.3, 1.3), "v": (-1.8, 1.8), "y": (-1.3, 1.3), "w": (-1.8, 1.8)}
     over = hf.grid(system, box, {"x": 11, "v": 8, "y": 9, "w": 10})
     return hf.viability_kernel(system, apart, over, 0.5, **options)
@@ -185,7 +187,7 @@ def cart(**options):
         "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("u", "m/s^2"),),
         {"x": v, "v": u}, input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
-    walls = hf.Region("walls", system.states[:1], (hf.Inequality("walls", x**2 - 1, "m"),))
+    walls = hf.Region("walls", system.states[:1], (hf.Inequality("walls", x**2 - 1, "m^2"),))
     over = hf.grid(system, {"x": (-1.3, 1.3), "v": (-1.8, 1.8)}, {"x": 75, "v": 20})
     return hf.viability_kernel(system, walls, over, 9.0, **options)
 
@@ -193,10 +195,10 @@ def cart(**options):
 def line(**options):
     x, u = hf.symbol("x"), hf.symbol("u")
     system = hf.System(
-        "line", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": u + x / 2},
+        "line", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": u + x / 2},
         input_bounds=hf.Box((-0.2,), (0.2,)),
     )  # fmt: skip
-    walls = hf.Region("walls", system.states, (hf.Inequality("walls", x**2 - 1, "m"),))
+    walls = hf.Region("walls", system.states, (hf.Inequality("walls", x**2 - 1),))
     return hf.viability_kernel(
         system, walls, hf.grid(system, {"x": (-1.3, 1.3)}, 700), 0.5, **options
     )

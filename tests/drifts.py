@@ -8,9 +8,9 @@ def drifting():
     u, d = hf.symbol("u"), hf.symbol("d")
     return hf.System(
         name="drifting",
-        states=(hf.Quantity("x", "m"),),
-        inputs=(hf.Quantity("u", "m/s"),),
-        disturbances=(hf.Quantity("d", "m/s"),),
+        states=(hf.Quantity("x"),),
+        inputs=(hf.Quantity("u"),),
+        disturbances=(hf.Quantity("d"),),
         rates={"x": u + d},
         disturbance_bounds=hf.Ball(1, 1),
     )

@@ -11,12 +11,12 @@ AHEAD, BEARING, U, R, WA, WB = (hf.symbol(n) for n in ("ahead", "bearing", "u", 
 def slider(limit=1.0, current=0.3):
     """x' = v + w on a line from -1 to 1, v at most `limit`, w up to `current` m/s."""
     system = hf.System(
-        "slider", (hf.Quantity("x", "m"),), (hf.Quantity("v", "m/s"),), {"x": V + W},
-        disturbances=(hf.Quantity("w", "m/s"),),
+        "slider", (hf.Quantity("x"),), (hf.Quantity("v"),), {"x": V + W},
+        disturbances=(hf.Quantity("w"),),
         disturbance_bounds=hf.Box((-current,), (current,)),
         input_bounds=hf.Box((-limit,), (limit,)),
     )  # fmt: skip
-    ends = (hf.Inequality("left", -1 - X, "m"), hf.Inequality("right", X - 1, "m"))
+    ends = (hf.Inequality("left", -1 - X), hf.Inequality("right", X - 1))
     return system, hf.Region("line", system.states, ends)
 
 
@@ -82,5 +82,5 @@ def boat():
         disturbance_bounds=hf.Box((-0.1, -0.1), (0.1, 0.1)),
         input_bounds=hf.Box((-0.5, -0.5), (0.5, 0.5)),
     )
-    rim = (hf.Inequality("rim", (x**2 + y**2 - 1) / 2, "m"),)
+    rim = (hf.Inequality("rim", (x**2 + y**2 - 1) / 2, "m^2"),)
     return system, hf.Region("berth", system.states, rim)

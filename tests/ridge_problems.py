@@ -70,14 +70,14 @@ class Problem:
         }
         bounds = hf.Ball(self.ball, m) if self.ball else hf.Box(tuple(self.low), tuple(self.high))
         system = hf.System(
-            "ridges", tuple(hf.Quantity(s.name, "m") for s in q),
-            tuple(hf.Quantity(s.name, "m/s") for s in u), rates,
-            disturbances=tuple(hf.Quantity(s.name, "m/s") for s in d), input_bounds=bounds,
+            "ridges", tuple(hf.Quantity(s.name) for s in q),
+            tuple(hf.Quantity(s.name) for s in u), rates,
+            disturbances=tuple(hf.Quantity(s.name) for s in d), input_bounds=bounds,
             disturbance_bounds=hf.Box(tuple(-self.most), tuple(self.most)) if k else None,
         )  # fmt: skip
         inequalities = [
             hf.Inequality(
-                f"c{j}", hf.parse_expression(f"abs({line(row, q)}) - ({float(b)!r})", named), "m"
+                f"c{j}", hf.parse_expression(f"abs({line(row, q)}) - ({float(b)!r})", named)
             )
             for j, (row, b) in enumerate(zip(self.rows, self.limits, strict=True))
         ]

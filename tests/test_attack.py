@@ -17,6 +17,7 @@ from attacks import (
     engine,
     filters,
     forgeries,
+    games,
     identification,
     kernels,
     planted,
@@ -353,6 +354,7 @@ FIRST_MINUTE = {
     sure_sets.KIND: range(0, 8),
     identification.KIND: range(0, 12),
     scenario_files.KIND: range(0, 80),
+    games.KIND: range(0, 8),
 }
 """Cases of seed 1, of which every fast run tries one in four."""
 

@@ -347,6 +347,7 @@ def test_log_gets_a_line_a_minute(capsys, monkeypatch):
     )
 
 
+@pytest.mark.heavy
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_interruption_exits_130_and_leaves_no_partial_file(tmp_path):
     holdfast("run", "inspection", *FAST, cwd=tmp_path)  # compiled, so that work starts at once

@@ -333,7 +333,7 @@ horizon = 8
 """
 
 ADDED = {
-    "a system, law, region or field": {
+    "system, law, region, field": {
         "maths/catalogue/systems/drifter.py": SYSTEM,
         "maths/catalogue/systems/__init__.py": (
             "from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle\n",
@@ -341,7 +341,7 @@ ADDED = {
             "from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle\n",
         ),
     },
-    "a kind of actuator of a craft": {
+    "an actuator of a craft": {
         "maths/catalogue/actuators/tunnel.py": ACTUATOR,
         "maths/catalogue/actuators/__init__.py": (
             "import THRUSTER\n\nALL = (",
@@ -351,7 +351,7 @@ ADDED = {
     },
     "an enclosure of certificates": {"execution/intervals/enclosures/plain_box.py": ENCLOSURE},
     "an experiment": {"scenarios/drift.toml": EXPERIMENT},
-    "a finite-difference scheme of kernels": {
+    "a scheme of kernels": {
         "execution/level_set/schemes/plain.py": SCHEME,
     },
     "an option of a march": {
@@ -385,7 +385,7 @@ ADDED = {
     },
     "a command": {"commands/count_words.py": COMMAND},
     "a figure": {"presentation/figures/bars.py": FIGURE, "scenario/kinds/count.py": KIND},
-    "a constraint on an input or an acceleration": {
+    "a constraint on an input": {
         "maths/catalogue/regions/gentle.py": REGION,
         "maths/catalogue/regions/__init__.py": (
             "from holdfast.maths.catalogue.regions.inspection_goal import inspection_goal\n",

@@ -1,5 +1,7 @@
 """What a first hour gets wrong: every refusal names the place, and its remedy is right."""
 
+import copy
+import pickle
 import re
 import shutil
 import signal
@@ -7,6 +9,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +17,8 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
+from holdfast.analysis.safety.promise import Layer, Promise, Trials
+from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.errors import HoldfastError
 from tests.command_line import holdfast
 
@@ -65,11 +70,18 @@ FILES = {
     ("v*cos(th)", "v*cos(v)"): "the rate of 'x' of system 'mower': the term 'cos(v)', whose 'v' is in "
         "m/s; expected an angle in rad or a number without a unit; correct it, or multiply it by a "
         "parameter in s/m; where units do not count say why: empirical = ",
-    ("v*cos(th)", "v*cos(th) + w"): "'v*cos(th) + w' adds 'w' in 1/s and 'v*cos(th)' in m/s; expected one",
+    ("v*cos(th)", "v*cos(th) + w"): "'v*cos(th) + w' adds 'w' in rad/s and 'v*cos(th)' in m/s; expected one",
     ("[0, 1]", '["0 m/s^2", "1 m/s^2"]'): "system.inputs.v.bounds: the unit 'm/s^2' does not fit; expected 'm/s'",
     ("[0, 1]", '[0, "1 knotz"]'): "system.inputs.v.bounds: '1 knotz' is not an expression",
     ("abs(y) - 3", "y**2"): "region: inequality 'lawn' of region 'region': 'y**2' is in m^2; expected m",
-    ('name = "mower"', 'name = "mower"\nempirical = true'): "system.empirical: got True",
+    ('name = "mower"', 'name = "mower"\nempirical = true'): "system.empirical: got True; expected the "
+        'reason as text, such as empirical = "drag fitted to a tank test"',
+    ("[-1, 1]", '["60 deg/s", "-60 deg/s"]'): "system.inputs.w.bounds: box has the empty interval [1.047",
+    ("[-1, 1]", '["61 deg/s", "-61 deg/s"]'): ', written as ["61 deg/s", "-61 deg/s"]',
+    ('["-180 deg", "180 deg"]', '["180 deg", "-180 deg"]'): "grid: the interval of 'th' is [3.14159, "
+        '-3.14159], written as box.th = ["180 deg", "-180 deg"]; expected low < high',
+    ("horizon = 1", 'horizon = "-2 min"'): 'march: the horizon [s] is -120.0, written as horizon = "-2 min"',
+    ('unit = "rad/s"', 'unit = "deg/s"'): "'w' is in deg/s; expected 1/s",
 }  # fmt: skip
 
 
@@ -102,6 +114,21 @@ def line(**more):
     return hf.System("line", STATES, INPUTS, {"x": U}, **more)
 
 
+def car(**rates):
+    """A car whose steering angle is an input; rates: other ones than those of the rear axle."""
+    states = (*STATES, hf.Quantity("y", "m"), hf.Quantity("th", "rad", angle=True))
+    rear = {"x": "2.0*cos(th)", "y": "2.0*sin(th)", "th": "tan(delta)"}
+    inputs, bounds = (hf.Quantity("delta", "rad"),), hf.Box((-0.5,), (0.5,))
+    return hf.System(
+        "car", states, inputs, rear | rates, input_bounds=bounds, empirical="per metre"
+    )
+
+
+def within(system, expression, more=()):
+    limits = (hf.Inequality("edge", expression), *more)
+    return hf.Region("road", system.states, limits, empirical="no unit")
+
+
 STILL = hf.System("still", STATES, (), {"x": -1.0 * X})
 WALL = hf.Region("wall", STATES, (hf.Inequality("right", X - 1, "m"),))
 
@@ -112,6 +139,19 @@ def still_set():
 
 
 CALLS = {
+    "a filter of a steering angle": (
+        lambda: hf.SafetyFilter(car(), within(car(), "th - 1")),
+        "command the rate of 'delta' instead: hf.dynamic_extension(system, ('delta',)), with the "
+        "bounds hf.input_limits(system, ('delta',)) in the region",
+    ),
+    "a filter of a steering angle that acts late": (
+        lambda: hf.SafetyFilter(car(), within(car(), "y - 3")),
+        "take another input than 'delta', such as the tangent of a steering angle, or keep a kernel",
+    ),
+    "a grid in degrees": (
+        lambda: hf.grid(car(), {"x": (-1, 1), "y": (-1, 1), "th": ("200 deg", "10 deg")}, 9),
+        "the interval of 'th' is [200 deg, 10 deg]",
+    ),
     "input_bounds=hf.Box((1,), (0,))": (
         lambda: line(input_bounds=hf.Box((1,), (0,))), "empty interval [1, 0]",
     ),
@@ -261,6 +301,7 @@ def test_a_folder_that_was_deleted_is_one_line(here):
 SWEEP = ("sweep", "ch2-unicycle", "--over", "law.k=1:2:500", "--workers", "1", "--runs", "200")
 
 
+@pytest.mark.heavy
 def test_an_interrupted_sweep_says_what_is_kept_and_how_to_go_on(here):
     command = [sys.executable, "-m", "holdfast", *SWEEP]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -325,3 +366,127 @@ def test_a_start_in_degrees_is_told_in_python_too():
     for starts in ([[0.1], [90.0]], hf.Starts([{"th": 90.0}])):
         with pytest.warns(hf.AngleWarning, match=r"write math.radians\(90\)"):
             hf.simulate(turning, law, starts=starts, horizon=0.1)
+
+
+def test_the_remedy_for_a_steering_angle_is_right():
+    """Its rate is commanded, and its bounds stand in the region."""
+    faster = hf.dynamic_extension(car(), ("delta",), hf.Box((-1,), (1,)))
+    limits = hf.input_limits(car(), ("delta",)).inequalities
+    guard = hf.SafetyFilter(faster, within(faster, "th - 1", limits))
+    assert guard.step([0, 0, 0.5, 0.0], [0.5]).input[0] <= 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("systems.bicycle", "holdfast.systems has no 'bicycle'; bicycle model: hf.systems.car"),
+        ("systems.tractor_trailor", "did you mean 'tractor_trailer'?"),
+        ("laws.steer_unicicle", "did you mean 'steer_unicycle'?"),
+        ("regions.camera_veiw", "did you mean 'camera_view'?"),
+        ("fields.zzz", "allowed: charge_pair, dipolar"),
+        ("viabilty_kernel", "holdfast has no 'viabilty_kernel'; did you mean 'viability_kernel'?"),
+        ("BRT", "holdfast has no 'BRT'; backward reachable tube"),
+        ("zzz", "holdfast has no 'zzz'; dir(holdfast) lists all names"),
+    ],
+)
+def test_a_name_that_a_module_does_not_have_is_answered(name, said):
+    module, _, last = name.rpartition(".")
+    with pytest.raises(AttributeError, match=re.escape(said)):
+        getattr(getattr(hf, module) if module else hf, last)
+
+
+def test_a_word_that_is_misspelt_is_answered_by_the_list(here):
+    assert "did you mean 'bicycle'?" in said("list", "bycicle", status=2)
+
+
+class Wrong:
+    """Controllers that define a system in wrong units at every sample."""
+
+    most = 10
+
+    def begin(self, runs):
+        pass
+
+    def command(self, t, states, alive=None):
+        hf.System("line", STATES, (hf.Quantity("u", "m"),), {"x": "u"})
+        return states
+
+    def end(self):
+        pass
+
+
+@pytest.mark.parametrize(
+    "handed",
+    [
+        {"command": Wrong().command},
+        {"command": partial(Wrong().command)},
+        {"command": Wrong()},
+        {"command": lambda t, states: -states, "progress": lambda done: Wrong().command(0, None)},
+    ],
+)
+def test_what_a_function_of_the_users_defines_is_checked_for_units(handed):
+    system = line()
+    with pytest.raises(HoldfastError, match="'u' is in m; expected m/s"):
+        hf.simulate(system, hf.commanded(system), starts=[[1.0]], horizon=0.1, **handed)
+
+
+def test_a_table_of_a_scenario_cannot_be_changed():
+    scenario = hf.load_scenario("ch2-unicycle", runs=1)
+    for change in (
+        lambda: scenario.settings.update(horizon=1.0),
+        lambda: scenario.settings["noise_uniform"].update(x=1.0),
+    ):
+        with pytest.raises(TypeError, match="cannot be changed"):
+            change()
+    for other in (copy.deepcopy(scenario), pickle.loads(pickle.dumps(scenario))):
+        assert other == scenario
+        assert hash(other) == hash(scenario)
+    assert scenario.with_settings(horizon=1.0) != scenario
+
+
+def test_modes_in_another_order_have_other_numbers():
+    """And so are another switching."""
+    go, stop = hf.Law("go", STATES, {"u": -1.0}), hf.Law("stop", STATES, {"u": 0})
+    made = [
+        hf.Switching("s", modes, (hf.Transition("go", "stop", -X),), "go")
+        for modes in ({"go": go, "stop": stop}, {"stop": stop, "go": go}, {"go": go, "stop": stop})
+    ]
+    assert made[0] != made[1]
+    assert made[0] == made[2] == pickle.loads(pickle.dumps(made[2]))
+    first = [hf.simulate(line(), s, starts=[[1.0]], horizon=0.1) for s in made[:2]]
+    assert [int(r.dataset.mode.values.ravel()[0]) for r in first] == [0, 1]
+
+
+def trials(kept, off=0):
+    return Trials("no disturbance", Rate(kept, 10), off, 0.0, 0)
+
+
+def promise_of(inside, *layers):
+    return Promise("law", None, "m", 1.0, 0.02, (inside,), None, layers=layers)
+
+
+def test_a_promise_prints_what_was_tried_and_what_came_of_it():
+    promise = promise_of(trials(10), Layer("within a cell of the edge", "the edge", 0.2, trials(8)))
+    text = repr(promise)
+    assert text.startswith("Promise over 1 s, by 'law': confirmed from inside\n")
+    assert "\n  within a cell of the edge: 8 of 10 kept\n" in text
+    assert promise.conclusion in " ".join(text.split())
+    assert len(text.splitlines()) <= 10
+    assert "8 of 10 kept" in promise._repr_html_()
+
+
+@pytest.mark.parametrize("layer", [False, True])
+def test_a_start_that_leaves_the_grid_refutes_nothing(layer):
+    """What becomes of it beyond the grid is not known: it may have got away."""
+
+    def tried(part):
+        within = Layer("at least a cell inside", "a cell", 0.2, part, 0.5, 0.1)
+        return promise_of(trials(10), within) if layer else promise_of(part)
+
+    unknown, lost = tried(trials(8, off=2)), tried(trials(8, off=1))
+    assert unknown.outcome == "not confirmed"
+    assert "2 of 10 starts" in unknown.conclusion
+    assert "widen the grid" in unknown.conclusion
+    assert not unknown.held
+    assert lost.outcome == "fell short"
+    assert "the promise falls short" in lost.conclusion

@@ -218,7 +218,7 @@ def test_word_beside_its_former_one_is_refused(tmp_path):
 
 def test_a_former_argument_is_understood_for_a_release():
     x = hf.symbol("x")
-    line = hf.System("line", (hf.Quantity("x", "m"),), (), {"x": -x})
+    line = hf.System("line", (hf.Quantity("x"),), (), {"x": -x})
     region = hf.Region("near", line.states, (hf.Inequality("n", x**2 - 1, "m^2"),))
     asked = {"box": {"x": (-1, 1)}, "cells": 10, "sample_time": 0.1}
     with pytest.warns(RenamedWarning, match="the argument 'refine' is now 'halvings'"):

@@ -12,4 +12,12 @@ import lazy_loader
 
 from holdfast._version import __version__ as __version__
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    if name in __all__:
+        return _imported(name)
+    from holdfast.errors import refused_attribute
+
+    refused_attribute("holdfast", __all__)(name)

@@ -56,10 +56,10 @@ from .analysis.safety.equilibria import resting_directions as resting_directions
 from .analysis.safety.equilibria import resting_state as resting_state
 from .analysis.safety.gain_conditions import GainWindow as GainWindow
 from .analysis.safety.gain_conditions import visibility_gains as visibility_gains
+from .analysis.safety.promise import Promise as Promise
 from .analysis.safety.safety_filter import least_time_law as least_time_law
 from .analysis.safety.safety_filter import safety_law as safety_law
 from .analysis.safety.safety_filter import sampled_margin as sampled_margin
-from .analysis.safety.validation import Promise as Promise
 from .analysis.safety.validation import check_promise as check_promise
 from .analysis.simulation.law_comparison import Comparison as Comparison
 from .analysis.simulation.result import Result as Result
@@ -70,6 +70,7 @@ from .analysis.simulation.sweep_table import Campaign as Campaign
 from .analysis.simulation.sweep_table import Costs as Costs
 from .analysis.simulation.sweep_table import Tuning as Tuning
 from .errors import AngleWarning as AngleWarning
+from .errors import DisputedSetWarning as DisputedSetWarning
 from .errors import GainWarning as GainWarning
 from .errors import HoldfastError as HoldfastError
 from .errors import ModelWarning as ModelWarning

@@ -79,6 +79,13 @@ class Two:
     names: str
 
 
+@dataclass(frozen=True)
+class Says:
+    """Of an argument of text: what it says."""
+
+    what: str
+
+
 Written = Annotated[sp.Expr, str]
 """An expression, or its text in names of quantities: `expression_of`."""
 
@@ -165,11 +172,33 @@ def for_user() -> Iterator[None]:
         _AT_WORK.depth = depth
 
 
+@contextmanager
+def for_house() -> Iterator[None]:
+    """What is made within was checked where it was made first, as in a store."""
+    _AT_WORK.depth += 1
+    try:
+        yield
+    finally:
+        _AT_WORK.depth -= 1
+
+
+def _of_user(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that a user has written, and that public functions call."""
+
+    @wraps(function)
+    def call(*positional: Any, **named: Any) -> Any:
+        with for_user():
+            return function(*positional, **named)
+
+    return call
+
+
 def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     signature = inspect.signature(function)
     hints: dict[str, Any] = {}
     before: dict[str, Check] = {}
     after: dict[str, Check] = {}
+    called: set[str] = set()
 
     def refuse(checks: Mapping[str, Check], arguments: Mapping[str, Any]) -> None:
         for argument, check in checks.items():
@@ -183,12 +212,20 @@ def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
             hints.update(_hints(function, signature))
             before.update({n: _check(h) for n, h in hints.items() if _takes_expressions(h)})
             after.update({n: _check(h) for n, h in hints.items() if _is_number(h)})
+            called.update(n for n, h in hints.items() if _is_called(h))
         try:
-            arguments = signature.bind(*positional, **named).arguments
+            bound = signature.bind(*positional, **named)
+            arguments = dict(bound.arguments)
         except TypeError as error:
             allowed = ", ".join(n for n in signature.parameters if n != "self")
             raise ArgumentError(f"{name}: {error}", expected=f"({allowed})") from None
         refuse(before, arguments)
+        if _AT_WORK.depth == 0 and not called.isdisjoint(arguments):
+            for argument in called & arguments.keys():
+                value = arguments[argument]
+                if callable(value) and not isinstance(value, type):
+                    bound.arguments[argument] = _of_user(value)
+            positional, named = bound.args, bound.kwargs
         _AT_WORK.depth += 1
         try:
             answer = function(*positional, **named)
@@ -232,6 +269,13 @@ def _is_number(hint: Any) -> bool:
     union = typing.get_origin(hint) in (typing.Union, types.UnionType)
     parts = typing.get_args(hint) if union else (hint,)
     return all(part in (float, int, type(None)) for part in parts)
+
+
+def _is_called(hint: Any) -> bool:
+    """Whether the annotation is a function, or a function or something else."""
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return any(map(_is_called, typing.get_args(hint)))
+    return typing.get_origin(hint) is Callable
 
 
 def _takes_expressions(hint: Any) -> bool:

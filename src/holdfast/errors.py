@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
+from importlib import import_module
+from typing import NoReturn
 
 
 class HoldfastError(Exception):
@@ -70,6 +72,10 @@ class PromiseFellShortWarning(UserWarning):
     """A kernel in use whose promise was tried in closed loop, and fell short."""
 
 
+class DisputedSetWarning(UserWarning):
+    """A set to be reached against a disturbance, part of which only one of two schemes reaches."""
+
+
 class SlowWarning(UserWarning):
     """A computation that takes much longer than it would with more memory."""
 
@@ -86,10 +92,36 @@ class CacheWarning(UserWarning):
 def suggestion(name: str, allowed: Iterable[str]) -> str:
     """'did you mean ...?' for a misspelt name, or the list of the allowed ones."""
     choices = sorted(allowed)
-    close = difflib.get_close_matches(name, choices, n=5, cutoff=0.6)
-    if close:
-        return f"did you mean '{max(close, key=lambda other: _alike(name, other))}'?"
+    if near := nearest(name, choices):
+        return f"did you mean '{near}'?"
     return "allowed: " + ", ".join(choices) if choices else "none is allowed here"
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """The name that a misspelt one is meant to be; "" where none is near."""
+    close = difflib.get_close_matches(name, list(names), n=5, cutoff=0.6)
+    return max(close, key=lambda other: _alike(name, other), default="")
+
+
+MOST_LISTED = 40
+"""Of names of a module, where none is near to the one that is asked for."""
+
+
+def refused_attribute(module: str, names: Collection[str]) -> Callable[[str], NoReturn]:
+    """The `__getattr__` of a module: what it says of a name that it does not have.
+
+    The glossary, of a later room, is asked by its name: what the word is here, or the nearest name.
+    """
+
+    def refuse(name: str) -> NoReturn:
+        cause = f"{module} has no '{name}'"
+        if not name.startswith("_"):
+            remedy = import_module("holdfast.scenario.glossary").meant(name, names)
+            too_many = remedy.startswith("allowed: ") and len(names) > MOST_LISTED
+            cause = f"{cause}; {f'dir({module}) lists all names' if too_many else remedy}"
+        raise AttributeError(cause, name=name)
+
+    return refuse
 
 
 def _alike(name: str, other: str) -> float:

@@ -110,11 +110,11 @@ X, Y, Z = (hf.symbol(n) for n in "xyz")
 
 
 def boundary(*expressions):
-    states = tuple(hf.Quantity(n, "m") for n in "xyz")
-    inputs = tuple(hf.Quantity(n, "m/s") for n in "abc")
+    states = tuple(hf.Quantity(n) for n in "xyz")
+    inputs = tuple(hf.Quantity(n) for n in "abc")
     rates = dict(zip("xyz", (q.symbol for q in inputs), strict=True))
     system = hf.System("point", states, inputs, rates, input_bounds=hf.Box((-1,) * 3, (1,) * 3))
-    named = tuple(hf.Inequality(f"c{i}", e, "m") for i, e in enumerate(expressions))
+    named = tuple(hf.Inequality(f"c{i}", e) for i, e in enumerate(expressions))
     return Boundary(system, hf.Region("room", states, named))
 
 

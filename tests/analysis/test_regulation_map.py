@@ -25,15 +25,15 @@ X, Y, V, A, B, W = (hf.symbol(n) for n in "xyvabw")
 
 def point(x=X, y=Y, **more):
     """Two coordinates moved by two inputs in [-1, 1]."""
-    states = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
-    inputs = (hf.Quantity("a", "m/s"), hf.Quantity("b", "m/s"))
+    states = (hf.Quantity("x"), hf.Quantity("y"))
+    inputs = (hf.Quantity("a"), hf.Quantity("b"))
     chosen = {"input_bounds": hf.Box((-1, -1), (1, 1))} | more
     return hf.System("point", states, inputs, {"x": A, "y": B}, **chosen)
 
 
 def region(*expressions, system=None):
     reads = (system or point()).states
-    named = tuple(hf.Inequality(f"c{i}", e, "m") for i, e in enumerate(expressions, 1))
+    named = tuple(hf.Inequality(f"c{i}", e) for i, e in enumerate(expressions, 1))
     return hf.Region("room", reads, named)
 
 
@@ -130,7 +130,7 @@ def test_kink_is_split_where_it_is_convex_and_refused_at_its_edge_elsewhere(
     """A positive parameter before a kink is no obstacle; a concave kink is a union of cones."""
     k = hf.Parameter("k", "1", value=2.0, above=0.0)
     names = {"x": X, "y": Y, "k": k.symbol}
-    kinked = hf.Inequality("c", hf.parse_expression(expression, names), "m")
+    kinked = hf.Inequality("c", hf.parse_expression(expression, names))
     boundary = Boundary(point(), hf.Region("room", point().states, (kinked,), (k,)))
     if refused:
         with pytest.raises(SimulationError, match="not an intersection of half-spaces"):
@@ -188,7 +188,7 @@ def test_high_order_condition_is_the_one_of_its_gains():
 
 def test_worst_disturbance_counts_where_the_first_derivative_decides():
     drifting = point(
-        disturbances=(hf.Quantity("w", "m/s"), hf.Quantity("v", "m/s")),
+        disturbances=(hf.Quantity("w"), hf.Quantity("v")),
         disturbance_bounds=hf.Ball(sp.Rational(1, 4), 2),
     )
     drifting = hf.System(
@@ -215,10 +215,10 @@ def carried(x, disturbance, bounds):
     """x' = `x`, v' = a, with one disturbance d."""
     return hf.System(
         "carried",
-        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
-        (hf.Quantity("a", "m/s^2"),),
+        (hf.Quantity("x"), hf.Quantity("v")),
+        (hf.Quantity("a"),),
         {"x": x, "v": A},
-        disturbances=(hf.Quantity("w", "m/s"),),
+        disturbances=(hf.Quantity("w"),),
         input_bounds=hf.Box((-5,), (5,)),
         disturbance_bounds=bounds,
     )
@@ -242,7 +242,7 @@ def test_one_force_of_two_thrusters_has_the_sum_of_their_bounds():
     single = hf.System(
         "sled",
         (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
-        (hf.Quantity("a", "N"),),
+        (hf.Quantity("a", "m/s^2"),),
         {"x": V, "v": A},
         input_bounds=hf.LinearImage(sp.ImmutableMatrix([[1, 1]]), hf.Box((-1, -2), (1, 2))),
     )

@@ -247,7 +247,7 @@ def test_filter_keeps_an_environment_that_nobody_here_wrote_below_its_speed():
     pendulum = hf.System(
         "pendulum",
         (hf.Quantity("theta", "rad", angle=True), hf.Quantity("w", "rad/s")),
-        (hf.Quantity("u", "N m"),),
+        (hf.Quantity("u"),),
         {"theta": w, "w": 3 * sp.sin(theta) + 3 * u},
         input_bounds=hf.Box((-2,), (2,)),
     )

@@ -607,7 +607,7 @@ def test_systems_and_filters_that_no_message_fits_are_refused(hub):
     cart = hf.System(
         "cart", (hf.Quantity("x", "m"), hf.Quantity("y", "m"), hf.Quantity("psi", "rad", angle=True)),
         (hf.Quantity("share"),), {"x": hf.symbol("share"), "y": hf.symbol("x"), "psi": hf.symbol("y")},
-        input_bounds=hf.Box((-1,), (1,)),
+        input_bounds=hf.Box((-1,), (1,)), empirical="a chain of integrators",
     )  # fmt: skip
     with pytest.raises(DefinitionError, match=r"no standard message has .*share \[1\]"):
         Interface(cart)

@@ -236,10 +236,10 @@ def test_a_parabola_that_is_carried_against_a_disturbance_ends_where_the_way_doe
     """Its second difference is large: steps of first order would end up to five cells early."""
     drag, thrust, low, gust, width, middle = -1.13, 1.03, -0.442, 0.0571, 0.2652, -0.357
     system = hf.System(
-        "drag", (hf.Quantity("x", "m"),), (hf.Quantity("u", "N"),),
+        "drag", (hf.Quantity("x"),), (hf.Quantity("u"),),
         {"x": drag * X * abs(X) + thrust * U + D},
         input_bounds=hf.Box((low,), (0.591,)),
-        disturbances=(hf.Quantity("d", "m/s"),), disturbance_bounds=hf.Box((-0.0673,), (gust,)),
+        disturbances=(hf.Quantity("d"),), disturbance_bounds=hf.Box((-0.0673,), (gust,)),
     )  # fmt: skip
     goal = region(((X - middle) / width) ** 2 - 1)
     walls = region(within(X, 0.663))
@@ -256,7 +256,7 @@ def test_forward_set_of_a_surge_ends_a_part_of_a_cell_beyond_what_is_reached():
     """An inner approximation leaves out what is thin; its ends are those of the scheme."""
     drag, mass, force = 0.95 * X + 6.04 * X * abs(X), 7.34, 10
     system = hf.System(
-        "surge", (hf.Quantity("x", "m/s"),), (hf.Quantity("u", "N"),), {"x": (U - drag) / mass},
+        "surge", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": (U - drag) / mass},
         input_bounds=hf.Box((-force,), (force,)),
     )  # fmt: skip
     grid = hf.grid(system, {"x": (-1.6, 1.6)}, 41, {"x": "extrapolated"})

@@ -15,7 +15,7 @@ COUNT = 20_000
 def line(nodes):
     """x' = 2x + u/2, |u| <= 1: |x| <= 1/4 can be held; V jumps there."""
     system = hf.System(
-        "line", STATES[:1], (hf.Quantity("u", "m/s"),), {"x": 2 * X + U / 2},
+        "line", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": 2 * X + U / 2},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
     grid = hf.grid(system, {"x": (-1.2, 1.2)}, nodes)
@@ -36,7 +36,7 @@ def cart(nodes):
 def population(nodes):
     """x' = x y, y' = u (Aubin and Saint-Pierre)."""
     system = hf.System(
-        "population", STATES, (hf.Quantity("u", "m/s^2"),), {"x": X * V, "v": U},
+        "population", (hf.Quantity("x"), hf.Quantity("v")), (hf.Quantity("u"),), {"x": X * V, "v": U},
         input_bounds=hf.Box((-0.5,), (0.5,)),
     )  # fmt: skip
     region = hf.Region("size", STATES[:1], (
@@ -115,13 +115,13 @@ def unstable(bounds, size):
 
     V jumps at its boundary."""
     y, w = hf.symbol("y"), hf.symbol("w")
-    states = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+    states = (hf.Quantity("x"), hf.Quantity("y"))
     system = hf.System(
-        "unstable", states, (hf.Quantity("u", "m/s"), hf.Quantity("w", "m/s")),
+        "unstable", states, (hf.Quantity("u"), hf.Quantity("w")),
         {"x": X + U, "y": y + w}, input_bounds=bounds,
     )  # fmt: skip
     sides = {"east": X - 2, "west": -2 - X, "north": y - 2, "south": -2 - y}
-    square = hf.Region("square", states, tuple(hf.Inequality(n, e, "m") for n, e in sides.items()))
+    square = hf.Region("square", states, tuple(hf.Inequality(n, e) for n, e in sides.items()))
     start = np.random.default_rng(0).uniform(-2, 2, (COUNT, 2))
 
     def value(nodes, **options):

@@ -13,18 +13,18 @@ import sympy as sp
 import holdfast as hf
 
 X, Y, U, W, A, B = (hf.symbol(n) for n in ("x", "y", "u", "w", "a", "b"))
-STATES = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+STATES = (hf.Quantity("x"), hf.Quantity("y"))
 SUMS = hf.LinearImage(sp.Matrix([[0.5, 0.5], [0.5, -0.5]]), hf.Box((-1, -1), (1, 1)))
 SIDES = {"east": X - 1.5, "west": -1.5 - X, "north": Y - 1.5, "south": -1.5 - Y}
-SQUARE = hf.Region("square", STATES, tuple(hf.Inequality(n, e, "m") for n, e in SIDES.items()))
+SQUARE = hf.Region("square", STATES, tuple(hf.Inequality(n, e) for n, e in SIDES.items()))
 
 
 def held(radius, nodes, **options):
     """The share of the exact set, and by how many cells what is held lies beyond it."""
     system = hf.System(
-        "saddle", STATES, (hf.Quantity("u", "m/s"), hf.Quantity("w", "m/s")),
+        "saddle", STATES, (hf.Quantity("u"), hf.Quantity("w")),
         {"x": X + U + A, "y": Y + W + B}, input_bounds=SUMS,
-        disturbances=(hf.Quantity("a", "m/s"), hf.Quantity("b", "m/s")),
+        disturbances=(hf.Quantity("a"), hf.Quantity("b")),
         disturbance_bounds=hf.Ball(sp.Float(radius), 2),
     )  # fmt: skip
     grid = hf.grid(system, {"x": (-1.6, 1.6), "y": (-1.6, 1.6)}, nodes)
@@ -60,13 +60,13 @@ def test_a_ridge_of_an_input_on_both_axes_does_not_wear(radius, nodes, options, 
 def test_a_ball_that_turns_and_pushes_against_a_disturbance_keeps_its_set(scheme):
     """Its axes turn with the state, and another player acts beside it: all of the set was lost."""
     turned = hf.System(
-        "turned", STATES, (hf.Quantity("u", "1/s"), hf.Quantity("w", "1/s")),
+        "turned", STATES, (hf.Quantity("u"), hf.Quantity("w")),
         {"x": Y * U - 0.444 * X, "y": -X * U + 0.904 * Y + 1.45 * W + B},
         input_bounds=hf.Ball(sp.Float(0.682), 2),
-        disturbances=(hf.Quantity("b", "m/s"),), disturbance_bounds=hf.Box((-0.396,), (0.255,)),
+        disturbances=(hf.Quantity("b"),), disturbance_bounds=hf.Box((-0.396,), (0.255,)),
     )  # fmt: skip
     sides = sp.Max(sp.Abs(X) - 1.25, sp.Abs(Y) - 1.3)
-    room = hf.Region("room", STATES, (hf.Inequality("sides", sides, "m"),))
+    room = hf.Region("room", STATES, (hf.Inequality("sides", sides),))
     shares = []
     for nodes in (21, 41):
         grid = hf.grid(turned, {"x": (-1.25, 1.25), "y": (-1.3, 1.3)}, nodes)

@@ -166,9 +166,8 @@ def test_a_double_integrator_brakes_in_time():
 @pytest.mark.parametrize(("nodes", "cell", "most"), [(81, 5.5, 45), (161, 2.75, 4)])
 def test_paths_that_graze_the_goal_are_later_and_fewer_on_finer_cells(nodes, cell, most):
     """Into a disc of 20 cm: all of 300 starts arrive, those that just miss it a little later."""
-    disc = hf.Region(
-        "disc", cart().states, (hf.Inequality("near", sp.sqrt(X**2 + SPEED**2) - 0.2, "m"),)
-    )
+    near = hf.Inequality("near", sp.sqrt(X**2 + SPEED**2) - 0.2, "m")
+    disc = hf.Region("disc", cart().states, (near,), empirical="a disc of numbers")
     grid = hf.grid(cart(), {"x": (-2.2, 2.2), "v": (-2.2, 2.2)}, nodes)
     assert 100 * grid.axes[0].step == pytest.approx(cell)
     basin = hf.capture_basin(cart(), disc, None, grid, 6.0)

@@ -40,7 +40,7 @@ def outwards(*points):
 def box_of(name, system, corners):
     low, high = corners.min(axis=0), corners.max(axis=0)
     rows = [
-        hf.Inequality(f"{side}_{q.name}", e, "m")
+        hf.Inequality(f"{side}_{q.name}", e)
         for k, q in enumerate(system.states)
         for side, e in (("low", float(low[k]) - q.symbol), ("high", q.symbol - float(high[k])))
     ]
@@ -56,7 +56,7 @@ def two_velocities(kind, seed, nodes, wider=None):
         box = dict.fromkeys("xy", (-wider, 1 + wider))
     m = hf.symbol("m")
     system = hf.System(
-        "two velocities", tuple(hf.Quantity(n, "m") for n in "xy"), (hf.Quantity("m", "1"),),
+        "two velocities", tuple(hf.Quantity(n) for n in "xy"), (hf.Quantity("m"),),
         {n: float(f[k]) + float(g[k] - f[k]) * m for k, n in enumerate("xy")},
         input_bounds=hf.Box((0,), (1,)),
     )  # fmt: skip
@@ -122,9 +122,9 @@ def opposed(kind, seed, scheme, horizon):
     (f, g), *_ = drawn(seed)
     m = hf.symbol("m")
     system = hf.System(
-        "two velocities", tuple(hf.Quantity(n, "m") for n in "xy"), (),
+        "two velocities", tuple(hf.Quantity(n) for n in "xy"), (),
         {n: float(f[k]) + float(g[k] - f[k]) * m for k, n in enumerate("xy")},
-        disturbances=(hf.Quantity("m", "1"),), disturbance_bounds=hf.Box((0,), (1,)),
+        disturbances=(hf.Quantity("m"),), disturbance_bounds=hf.Box((0,), (1,)),
     )  # fmt: skip
     corners = 1.2 * UNIT - 0.1
     target = box_of("box", system, corners)
@@ -132,7 +132,7 @@ def opposed(kind, seed, scheme, horizon):
     sides, sign = [outwards(b) for b in back], 1
     if kind == "away":  # by no more than counts here: beyond the grid there is more
         out = sp.Max(-0.2, sp.Min(*(-i.expression for i in target.inequalities)))
-        target = hf.Region("away", system.states, (hf.Inequality("away", out, "m"),))
+        target = hf.Region("away", system.states, (hf.Inequality("away", out),))
         sides, sign = [outwards(*back)], -1
     wide = 0.6 + horizon * max(abs(f).max(), abs(g).max())
     box, ends = (0.5 - wide, 0.5 + wide), dict.fromkeys("xy", "extrapolated")
@@ -251,9 +251,9 @@ def test_a_kernel_that_has_not_come_to_rest_is_filtered_too(options, tmp_path):
 def test_what_goes_round_is_not_worn_off(scheme, share):
     """x'' = -9 x keeps the disc in a square, here for 14 turns on 61 nodes."""
     x, y, u = (hf.symbol(n) for n in "xyu")
-    states = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+    states = (hf.Quantity("x"), hf.Quantity("y"))
     system = hf.System(
-        "rotation", states, (hf.Quantity("u", "m/s"),), {"x": 3 * y, "y": -3 * x + u},
+        "rotation", states, (hf.Quantity("u"),), {"x": 3 * y, "y": -3 * x + u},
         input_bounds=hf.Box((-1e-9,), (1e-9,)),
     )  # fmt: skip
     square = box_of("square", system, 2 * UNIT - 1)

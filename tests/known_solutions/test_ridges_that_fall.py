@@ -102,8 +102,10 @@ def test_nor_in_three_states(scheme, seed):
     assert kept(seed, 3, 31, scheme).report.empty
 
 
-def driven_out(kind: str, seed: int, nodes: int, scheme: str, **options: object) -> float:
-    """The share of the cube that is not won by getting out of it."""
+def driven_out(
+    kind: str, seed: int, nodes: int, scheme: str, **options: object
+) -> tuple[float, bool]:
+    """The share of the cube that is not won by getting out of it, and whether some is disputed."""
     system, time = falling(np.random.default_rng(seed), 2, 1)
     foe = {"disturbances": system.inputs, "disturbance_bounds": system.input_bounds}
     system = replace(system, inputs=(), input_bounds=None, **foe)
@@ -118,13 +120,14 @@ def driven_out(kind: str, seed: int, nodes: int, scheme: str, **options: object)
         value = hf.backward_reachable_tube(system, outside, grid, 2 * time, **options)
     else:
         value = hf.capture_basin(system, outside, None, grid, 2 * time, arrival_steps=0, **options)
-    return float((value.values() <= 0).mean())
+    return float((value.values() <= 0).mean()), bool(value.report.disputed_share)
 
 
 STOOD = (9, 12, 14)
 """Seeds of which schemes of high order stand still before all is won, if they are not filtered."""
 
 
+@pytest.mark.filterwarnings("ignore:.*are disputed:holdfast.errors.DisputedSetWarning")
 @pytest.mark.few("9-eno2-tube", "9-eno2-basin")
 @pytest.mark.parametrize("kind", ["tube", "basin"])
 @pytest.mark.parametrize("scheme", HIGH)
@@ -132,7 +135,10 @@ STOOD = (9, 12, 14)
     "seed", [STOOD[0], *(pytest.param(s, marks=pytest.mark.heavy) for s in STOOD[1:])]
 )
 def test_no_scheme_stands_still_before_all_is_won_against_a_disturbance(kind, scheme, seed):
-    assert driven_out(kind, seed, 41, scheme) == 0.0
+    """What only the filtered march has won is said to be disputed."""
+    left, disputed = driven_out(kind, seed, 41, scheme)
+    assert left == 0.0
+    assert disputed == ((kind, scheme, seed) != ("tube", "eno2", 12))
 
 
 @pytest.mark.heavy
@@ -140,7 +146,7 @@ def test_no_scheme_stands_still_before_all_is_won_against_a_disturbance(kind, sc
 @pytest.mark.parametrize("scheme", HIGH)
 @pytest.mark.parametrize("seed", sorted({*range(15)} - {*STOOD}))
 def test_nor_for_any_of_many_problems_of_getting_out(kind, scheme, seed):
-    assert driven_out(kind, seed, 41, scheme) == 0.0
+    assert driven_out(kind, seed, 41, scheme) == (0.0, False)
 
 
 @pytest.mark.heavy
@@ -150,7 +156,7 @@ def test_without_the_filter_three_of_fifteen_stand_still_or_two(kind, scheme, mo
     """By eno2 a tube stands still in two."""
     monkeypatch.setattr(Posed, "marched_twice", False)
     stood = (9, 14) if (kind, scheme) == ("tube", "eno2") else STOOD
-    assert tuple(s for s in range(15) if driven_out(kind, s, 41, scheme) > 0) == stood
+    assert tuple(s for s in range(15) if driven_out(kind, s, 41, scheme)[0] > 0) == stood
     assert len(stood) == 3 or (len(stood), scheme) == (2, "eno2")
 
 

@@ -15,7 +15,7 @@ def kernel(unit=1.0, beyond=0.0, **options):
     beyond: how much deeper the margin falls a tenth of a metre before the ends of the grid.
     """
     metre = sp.Float(unit)
-    states = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+    states = (hf.Quantity("x"), hf.Quantity("y"))
     system = hf.System(
         "unstable", states, (hf.Quantity("u", "m/s"), hf.Quantity("w", "m/s")),
         {"x": X + metre * U, "y": Y + metre * W}, input_bounds=hf.Ball(1.0, 2),

@@ -6,11 +6,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import sympy as sp
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import same_color
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 import holdfast as hf
 from holdfast.errors import OutputError, ScenarioError
-from holdfast.maths.definitions.region import drawn_shapes
+from holdfast.maths.definitions.region import ZeroLevel, drawn_shapes
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.value_function import told
 from holdfast.presentation.figures.zero_levels import PlaneLevels
@@ -26,7 +30,7 @@ def disc(name, x, y, radius, sign=1):
 
 FIELD = (
     disc("rock", 3, 0.5, hf.symbol("size")), disc("small_tree", 6, -1, 0.004),
-    hf.Inequality("fence", Y - 3, "m"), hf.Inequality("turned", sp.Abs(PSI) - 3 - Y, "rad"),
+    hf.Inequality("fence", Y - 3, "m"), hf.Inequality("turned", sp.Abs(PSI) - 3 - 1.0 * Y, "rad"),
 )  # fmt: skip
 
 
@@ -156,7 +160,7 @@ def test_outcomes_and_modes_differ_without_colours():
     outcomes = list(style.OUTCOME_DASHES.values())
     assert set(style.OUTCOME_DASHES) == set(hf.Outcome)
     assert len(set(outcomes)) == len(outcomes)
-    assert len({style.DASHES[k] for k in range(len(style.MODES))}) == len(style.MODES)
+    assert len(set(style.DASHES)) == len(style.DASHES) > 2 * len(style.MODES)
 
 
 def test_paths_have_the_dashes_of_their_outcome(result):
@@ -178,6 +182,62 @@ def test_history_says_which_run_it_is_how_it_ended_and_where_it_began(result):
         "run 1 of 4: reached goal\nfrom $x$ = 0 m, $y$ = 2 m, $\\psi$ = 1 rad"
     )
     plt.close(figure)
+
+
+def test_legends_of_a_history_lie_over_their_panels_and_beside_nothing(car):
+    names = ("low", "high", "near", "far", "a_long_name_of_a_constraint", "low_again", "high_again")
+    limits = [hf.Inequality(n, (-1) ** k * Y - 3 - k, "m") for k, n in enumerate(names)]
+    result = hf.simulate(
+        car, hf.Law("sway", car.states, {"w": sp.cos(X)}), horizon=3.0,
+        region=hf.Region("field", car.states, limits), starts=hf.Starts(states=({"x": 0},)),
+    )  # fmt: skip
+    figure = hf.histories_figure(result)
+    figure.canvas.draw()
+    page, extents = figure.bbox, {}
+    for panel in (a for a in figure.axes if a.get_visible()):
+        box = panel.get_legend().get_window_extent()
+        assert box.y0 >= panel.bbox.y1
+        assert page.x0 <= box.x0
+        assert box.x1 <= page.x1
+        extents[panel] = [box, panel._left_title.get_window_extent()]
+    for panel, (legend, title) in extents.items():
+        assert not legend.overlaps(title)
+        others = [other.bbox for other in extents if other is not panel]
+        others += [box for other in extents if other is not panel for box in extents[other]]
+        assert not any(legend.overlaps(box) or title.overlaps(box) for box in others)
+    plt.close(figure)
+
+
+def test_a_single_mode_is_not_shaded(result):
+    figure = hf.histories_figure(result)
+    assert not any(axis.patches for axis in figure.axes)
+    plt.close(figure)
+
+
+def test_legend_has_as_many_columns_as_fit_and_the_figure_grows_with_it():
+    def legend_of(labels):
+        with style.look():
+            figure = Figure(figsize=(style.WIDTH, 3.0), layout="constrained")
+            style.add_legend(figure, [Line2D([], [], label=text) for text in labels])
+            FigureCanvasAgg(figure).draw()
+        return figure, figure.legends[0]
+
+    figure, legend = legend_of(["start", "a name of many letters of one law", "x", "y", "z"])
+    assert (legend._ncols, figure.get_figheight()) == (5, 3.0)
+    figure, legend = legend_of([f"a name of many letters of law {k}" for k in range(12)])
+    assert legend._ncols == 3
+    assert figure.get_figheight() > 3.0
+    box = legend.get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.x1
+
+
+def test_shape_and_constraint_of_one_name_have_the_entry_of_the_shape():
+    figure = Figure(layout="constrained")
+    thick, thin = (Line2D([], [], linewidth=width, label="moored") for width in (3, 1))
+    style.add_legend(figure, [thick, thin])
+    (line,) = figure.legends[0].get_lines()
+    assert line.get_linewidth() == 3
 
 
 def test_bold_paths_have_the_number_of_their_run(result):
@@ -210,7 +270,7 @@ def kernel():
         "my_cart", (x, v), (hf.Quantity("a", "m/s^2"),), {"x": V, "v": hf.symbol("a")},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
-    lane = hf.Region("my_lane", (x,), (hf.Inequality("ends", X**2 - 1, "m"),))
+    lane = hf.Region("my_lane", (x,), (hf.Inequality("ends", X**2 - 1, "m^2"),))
     return hf.viability_kernel(cart, lane, hf.grid(cart, {"x": (-2, 2), "v": (-2, 2)}, 21), 3.0)
 
 
@@ -284,8 +344,24 @@ box = { x = [-1, 5], y = [-3, 3] }
 horizon = 2
 """)
     around = hf.load_scenario(str(path)).drawn_around
-    assert [s.role for s in around["scene"]] == ["wall"] * 4
+    assert [s.role for s in around["scene"]] == ["obstacle"] * 4 + ["constraint"]
     assert around["parameters"] == {"clearance_rack": 0.2}
+
+
+def test_figure_of_a_set_has_the_lines_of_constraints_at_the_states_that_it_holds(kernel):
+    limits = (
+        hf.Inequality("ahead", X - 1.5, "m"), hf.Inequality("fast", V - hf.symbol("most"), "m/s"),
+        hf.Inequality("hot", hf.symbol("heat") - 1, "K"),
+    )  # fmt: skip
+    scene = tuple(ZeroLevel("constraint", c.name, c.expression) for c in limits)
+    figure = hf.value_function_figure(kernel, scene=scene, parameters={"most": 0.5})
+    texts = [t.get_text() for t in figure.legends[0].get_texts()]
+    assert texts == ["in the set", "ahead", "fast", "forbidden"]
+    edges = [c for c in figure.axes[0].collections if same_color(c.get_edgecolor(), style.LIMIT)]
+    ahead, fast = (c.get_paths()[0].vertices for c in edges)
+    np.testing.assert_allclose(ahead[:, 0], 1.5)
+    np.testing.assert_allclose(fast[:, 1], 0.5)
+    plt.close(figure)
 
 
 def test_figure_of_a_result_file_says_that_it_has_no_constraints(result, tmp_path):
@@ -319,7 +395,7 @@ def test_constraint_has_the_same_dashes_in_paths_histories_and_the_page(car):
          hf.Inequality("near", -1 - X, "m"), hf.Inequality("high", Y - 1, "m")),
     )  # fmt: skip
     result = hf.simulate(
-        car, hf.Law("sway", car.states, {"w": sp.cos(X)}), region=region, horizon=9.0,
+        car, hf.Law("sway", car.states, {"w": sp.cos(1.0 * X)}), region=region, horizon=9.0,
         starts=hf.Starts(states=({"x": 0, "y": 0.5}, {"x": -0.9, "y": -0.8})), start_outside=True,
     )  # fmt: skip
     paths, histories = hf.paths_figure(result), hf.histories_figure(result)

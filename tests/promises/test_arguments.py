@@ -63,7 +63,7 @@ def line():
         inputs=(hf.Quantity("u", "m/s"),),
         disturbances=(hf.Quantity("d", "m/s"),),
         parameters=(hf.Parameter("push", "m/s", value=0.2),),
-        rates={"x": x + u + d},
+        rates={"x": 1.0 * x + u + d},
         input_bounds=hf.Box((-0.6,), (0.6,)),
         disturbance_bounds=hf.Box((-push,), (push,)),
     )
@@ -81,7 +81,7 @@ def slider():
 
 
 def end():
-    return hf.Region("ends", (hf.Quantity("x", "m"),), (hf.Inequality("end", x**2 - 1, "m"),))
+    return hf.Region("ends", (hf.Quantity("x", "m"),), (hf.Inequality("end", x**2 - 1, "m^2"),))
 
 
 @cache
@@ -492,7 +492,7 @@ def comparison():
 
 def near():
     quantities = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
-    return hf.Region("near", quantities, (hf.Inequality("far", x**2 + y**2 - 1, "m"),))
+    return hf.Region("near", quantities, (hf.Inequality("far", x**2 + y**2 - 1, "m^2"),))
 
 
 @cache

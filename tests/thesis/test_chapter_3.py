@@ -219,6 +219,9 @@ def blind(system, **changes):
     return hf.laws.hold_station_unknown(system, **({"current_bound": SPEED} | changes))
 
 
+PRINTED = "as printed, the field counts in metres"
+
+
 def reading(law, u, **values):
     """The law with another reading of (3.5a) while approaching, and other radii."""
     approach = law.modes["approach"]
@@ -228,7 +231,7 @@ def reading(law, u, **values):
     )
     turn = phi.diff(x) * sp.cos(psi) + phi.diff(y) * sp.sin(psi)  # of the field, per metre
     feedback = {"u": u, "r": approach.outputs["r"] + (u - approach.outputs["u"]) * turn}
-    modes = {**law.modes, "approach": replace(approach, outputs=feedback)}
+    modes = {**law.modes, "approach": replace(approach, outputs=feedback, empirical=PRINTED)}
     modes = {
         name: replace(
             m, parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in m.parameters)

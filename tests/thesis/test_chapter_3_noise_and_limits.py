@@ -43,7 +43,9 @@ def with_turn(law, change):
     """The law with another turn rate while approaching; change(r, phi's rate) gives it."""
     approach = law.modes["approach"]
     outputs = {**approach.outputs, "r": change(approach.outputs["r"])}
-    return replace(law, modes={**law.modes, "approach": replace(approach, outputs=outputs)})
+    printed = "as printed, the field counts in metres"
+    changed = replace(approach, outputs=outputs, empirical=printed)
+    return replace(law, modes={**law.modes, "approach": changed})
 
 
 # -- measurement noise (Fig. 3.8)

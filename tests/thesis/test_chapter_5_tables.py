@@ -91,9 +91,9 @@ REDESIGN = (ROOT / "docs" / "viable_redesign.md").read_text("utf-8")
 PRINTED = {
     "(5.18) alone": None,
     "all as printed, latch": {"range", "goal side", "signal", "latch"},
-    "(5.28) and the range laws as printed, no latch": {"range", "goal side"},
-    "range laws as printed, no latch": {"range"},
-    "corrected, no latch": set(),
+    "(5.28), range as printed": {"range", "goal side"},
+    "range as printed": {"range"},
+    "corrected": set(),
     "corrected, latch": {"latch"},
 }
 """Row -> which parts of the redesign are as printed, and whether it has the latch."""

@@ -78,7 +78,7 @@ def test_a_pair_that_is_simulated_in_the_world_moves_as_6_7_says(pair):
 def test_vehicles_that_do_not_move_alike_everywhere_have_no_relative_kinematics():
     follower = hf.systems.unicycle()
     names = {"x": "xL", "y": "yL", "psi": "thetaL", "v": "uL", "r": "wL"}
-    rates = dict(follower.rates) | {"x": follower.rates["x"] * (1 + X**2)}
+    rates = dict(follower.rates) | {"x": follower.rates["x"] * (1 + 2 * X**2)}
     odd = hf.System("river", follower.states, follower.inputs, rates)
     leader = hf.renamed(hf.systems.unicycle(), names)
     poses = (("xL", "yL", "thetaL"), odd, ("x", "y", "psi"))

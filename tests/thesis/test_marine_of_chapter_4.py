@@ -169,7 +169,8 @@ def printed_4_40b(law):
     """tau_r with -(m11 - m22) u r, as printed, in place of -(m11 - m22) u v."""
     difference = hf.symbol("Yvdot") - hf.symbol("Xudot")
     tau_r = law.outputs["tau_r"] + difference * U * (V - R)
-    return replace(law, outputs={"tau_u": law.outputs["tau_u"], "tau_r": tau_r})
+    outputs = {"tau_u": law.outputs["tau_u"], "tau_r": tau_r}
+    return replace(law, outputs=outputs, empirical="as printed")
 
 
 def test_printed_4_40b_spins_the_vehicle(vessels, projecting, name):

@@ -85,7 +85,7 @@ def obstacles(
     for name, corners in polygons.items():
         polygon = polygon_of(name, corners)
         clear_of(name, convex_parts(polygon), clearance_of(name))
-        scene += _drawn(polygon)
+        scene += _drawn("obstacle", polygon)
     if room is not None:
         polygon, distance = polygon_of("room", room), clearance_of("room")
         hull = polygon.convex_hull
@@ -98,7 +98,7 @@ def obstacles(
         niches = shapely.get_parts(hull.difference(polygon))
         for number, niche in enumerate((n for n in niches if n.area > NOTHING * hull.area), 1):
             clear_of(f"room_niche_{number}", convex_parts(niche), distance)
-        scene += _drawn(polygon)
+        scene += _drawn("room", polygon)
     return Region(
         "clear of obstacles" if room is None else "room", tuple(states[n] for n in position),
         tuple(inequalities), parameters=tuple(parameters), scene=tuple(scene),
@@ -163,11 +163,11 @@ def polygon_of(name: str, corners: Corners) -> shapely.Polygon:
     return shapely.orient_polygons(shape)
 
 
-def _drawn(polygon: shapely.Polygon) -> list[Segment]:
+def _drawn(role: str, polygon: shapely.Polygon) -> list[Segment]:
     ends = _sides(polygon)
     numbers = [sp.Float(c) for c in ends]
     return [
-        Segment("wall", (numbers[i], numbers[i + 1]), (numbers[i + 2], numbers[i + 3]))
+        Segment(role, (numbers[i], numbers[i + 1]), (numbers[i + 2], numbers[i + 3]))
         for i in range(0, len(ends), 4)
     ]
 

@@ -43,10 +43,10 @@ def html_of(value: object) -> str:
 
 @html_of.register
 def _of_printed(value: Printed) -> str:
-    """Its lines, and then its parts."""
+    """Its first line and then its parts, or its lines where it has none."""
     parts = [p for p in vars(value).values() if isinstance(p, Printed)]
     pages = [_closed(repr(part).splitlines()[0], html_of(part)) for part in dict.fromkeys(parts)]
-    return _text(repr(value).splitlines()[0]) + "".join(pages)
+    return _text(repr(value).splitlines()[0] if pages else repr(value)) + "".join(pages)
 
 
 @html_of.register

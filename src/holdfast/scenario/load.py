@@ -20,6 +20,7 @@ from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.scenario.files import Overrides, changes_of, read_tables
 from holdfast.scenario.kinds import kind_of
 from holdfast.scenario.kinds.base import Composed
+from holdfast.scenario.schema.values import as_written
 
 TEXT_FIELDS = ("text", "file", "digest")
 """Fields of a composed scenario about its own text: they differ with every override."""
@@ -136,4 +137,7 @@ def scenario_of(
     shown: str, text: str, data: dict[str, Any], runs: int | None = None, seed: int | None = None
 ) -> Any:
     """The scenario of tables that are not checked yet; `shown` is its name or file."""
-    return kind_of(shown, data).compose(shown, text, data, runs, seed)
+    try:
+        return kind_of(shown, data).compose(shown, text, data, runs, seed)
+    except ScenarioError as error:
+        raise as_written(error, data) from None

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import inspect
+import re
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from typing import Any
 
-from holdfast.errors import ScenarioError, suggestion
+from holdfast.errors import ScenarioError, nearest, suggestion
 from holdfast.maths.catalogue.signature import CATALOGUES, example
 from holdfast.maths.catalogue.vehicles import vehicle_of
 from holdfast.maths.definitions.bounds import Bounds
@@ -30,6 +31,7 @@ from holdfast.scenario.files import (
     scenario_names,
 )
 from holdfast.scenario.glossary import looked_up
+from holdfast.scenario.glossary import rows as rows_of_glossary
 from holdfast.scenario.kinds.parts import PartsScenario
 from holdfast.scenario.load import load_scenario
 
@@ -47,11 +49,21 @@ def catalogue_lines(words: str = "") -> Iterable[str]:
         rows = [r for r in rows if words.lower() in f"{r[1]} {r[2]}".lower() or r[1] in named]
         rows += [("word", term.words[0], term.here) for term in terms]
     if not rows:
+        near = nearest(words.lower(), _words())
         raise ScenarioError(
-            f"no entry has the words '{words}'", remedy="holdfast list without words names all"
+            f"no entry has the words '{words}'",
+            remedy=f"did you mean '{near}'?" if near else "holdfast list without words names all",
         )
     width = max(len(name) for _, name, _ in rows)
     return [f"{kind:<9} {name:<{width}}  {text}" for kind, name, text in rows]
+
+
+def _words() -> set[str]:
+    """What a user may ask for: the words of names, of descriptions and of the glossary."""
+    texts = [f"{name} {name.replace('_', ' ')} {text}" for _, name, text in _entries()]
+    terms = [word for row in rows_of_glossary() for word in row.words]
+    said = " ".join([*texts, *terms]).lower()
+    return {*map(str.lower, terms), *re.findall(r"[a-z][a-z0-9_-]{3,}", said)}
 
 
 @cache

@@ -104,8 +104,8 @@ def test_checker_says_more_than_the_search(name, how):
 def test_file_of_every_kind_of_rate_is_valid(tmp_path):
     """The checker refused 7 of 20 files like these."""
     tank = hf.System(
-        "tank", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": PROBLEMS["tank"][0][0]},
-        disturbances=(hf.Quantity("d", "m/s"),), input_bounds=hf.Box((0.0,), (1.0,)),
+        "tank", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": PROBLEMS["tank"][0][0]},
+        disturbances=(hf.Quantity("d"),), input_bounds=hf.Box((0.0,), (1.0,)),
         disturbance_bounds=hf.Box((-0.1,), (0.1,)),
     )  # fmt: skip
     level = hf.Region("level", tank.states, (

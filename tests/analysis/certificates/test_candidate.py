@@ -10,14 +10,12 @@ from tests.certified_systems import cart
 
 X, Y, Z, U, W, S = (hf.symbol(n) for n in ("x", "y", "z", "u", "w", "s"))
 SPREADING = hf.System(
-    "spreading", (hf.Quantity("x", "m"), hf.Quantity("y", "m")),
-    (hf.Quantity("u", "m/s"), hf.Quantity("w", "m/s")), {"x": X + U, "y": Y + W},
+    "spreading", (hf.Quantity("x"), hf.Quantity("y")), (hf.Quantity("u"), hf.Quantity("w")),
+    {"x": X + U, "y": Y + W},
     input_bounds=hf.Ball(1.0, 2),
 )  # fmt: skip
 SIDES = {"east": X - 2, "west": -2 - X, "north": Y - 2, "south": -2 - Y}
-SQUARE = hf.Region(
-    "square", SPREADING.states, tuple(hf.Inequality(n, e, "m") for n, e in SIDES.items())
-)
+SQUARE = hf.Region("square", SPREADING.states, tuple(hf.Inequality(n, e) for n, e in SIDES.items()))
 BOX = {"x": (-2.3, 2.3), "y": (-2.3, 2.3)}
 
 
@@ -88,9 +86,8 @@ def test_basin_is_a_candidate_of_what_leads_to_its_target():
     pushed, floor = cart()
     grid = hf.grid(pushed, {"x": (-1.2, 1.2), "v": (-2.4, 2.4)}, 41)
     x, v = (q.symbol for q in pushed.states)
-    rest = hf.Region("rest", pushed.states, (
-        hf.Inequality("near", x**2 + v**2 - 0.16, "m^2"),
-    ))  # fmt: skip
+    near = hf.Inequality("near", x**2 + v**2 - 0.16)
+    rest = hf.Region("rest", pushed.states, (near,), empirical="a disc of numbers")
     basin = hf.capture_basin(pushed, rest, floor, grid, 4, arrival_steps=0)
     found = basin.certified(pushed, floor, target=rest, sample_time=0.2, cells=61)
     whole = hf.certify(
@@ -102,8 +99,8 @@ def test_basin_is_a_candidate_of_what_leads_to_its_target():
 
 
 SPACE = hf.System(
-    "in space", (*SPREADING.states, hf.Quantity("z", "m")),
-    (*SPREADING.inputs, hf.Quantity("s", "m/s")), {"x": X + U, "y": Y + W, "z": Z + S},
+    "in space", (*SPREADING.states, hf.Quantity("z")), (*SPREADING.inputs, hf.Quantity("s")),
+    {"x": X + U, "y": Y + W, "z": Z + S},
     input_bounds=hf.Ball(1.0, 3),
 )  # fmt: skip
 
@@ -111,9 +108,7 @@ SPACE = hf.System(
 @pytest.mark.heavy
 def test_set_in_three_states_is_certified_where_it_can_be_held(tmp_path):
     """The ball of 1 m can be held: nothing beyond it is certified, and most of it is."""
-    region = hf.Region(
-        "ball", SPACE.states, (hf.Inequality("near", X**2 + Y**2 + Z**2 - 2, "m^2"),)
-    )
+    region = hf.Region("ball", SPACE.states, (hf.Inequality("near", X**2 + Y**2 + Z**2 - 2),))
     grid = hf.grid(SPACE, dict.fromkeys("xyz", (-1.5, 1.5)), 25)
     kernel = hf.viability_kernel(SPACE, region, grid, 20, scheme="upwind")
     found = kernel.certified(SPACE, region, sample_time=0.2, halvings=1)

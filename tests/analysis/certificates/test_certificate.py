@@ -174,7 +174,8 @@ def test_angle_that_does_not_come_back_is_no_turn():
         "lane", (hf.Quantity("y", "m"), hf.Quantity("psi", "rad")), (hf.Quantity("r", "rad/s"),),
         {"y": sp.sin(psi), "psi": r}, input_bounds=hf.Box((-2.0,), (2.0,)),
     )  # fmt: skip
-    lane = hf.Region("lane", car.states, (hf.Inequality("a", y - 1 + 0 * psi + psi / 100, "m"),))
+    tilted = hf.Inequality("a", y - 1 + 0 * psi + psi / 100, "m")
+    lane = hf.Region("lane", car.states, (tilted,), empirical="a tilted edge")
     box = {"y": (-1, 1), "psi": (-math.pi, math.pi)}
     assert certify(car, lane, box=box, cells=9).cells.periodic == (False, False)
     twice = replace(car, rates={"y": sp.sin(psi / 2), "psi": r})
@@ -288,7 +289,8 @@ def test_system_without_bounds_or_with_an_unknown_function_is_refused():
     open_ended = replace(camera(), disturbance_bounds=None)
     with pytest.raises(SimulationError, match="no bounds of its disturbances"):
         certify(open_ended, view(open_ended), box=BOX, cells=11)
-    odd = replace(camera(), rates={"ahead": -U, "left": sp.asin(LEFT / 9)})
+    bent = {"ahead": -U, "left": sp.asin(LEFT / 9)}
+    odd = replace(camera(), rates=bent, empirical="no enclosure is known of it")
     with pytest.raises(DefinitionError, match="'asin' has no proved enclosure in a certificate"):
         certify(odd, view(odd), box=BOX, cells=11)
 
@@ -299,10 +301,10 @@ def test_system_without_bounds_or_with_an_unknown_function_is_refused():
 def one_state(rate, limits, *, parameters=(), pushes=(), bounds=None):
     """xdot of one state without inputs."""
     system = hf.System(
-        "line", (hf.Quantity("x", "m"),), (), {"x": rate}, parameters=parameters,
+        "line", (hf.Quantity("x"),), (), {"x": rate}, parameters=parameters,
         disturbances=pushes, disturbance_bounds=bounds,
     )  # fmt: skip
-    rows = tuple(hf.Inequality(f"c{k}", e, "m") for k, e in enumerate(limits))
+    rows = tuple(hf.Inequality(f"c{k}", e) for k, e in enumerate(limits))
     return system, hf.Region("line", system.states, rows)
 
 
@@ -322,7 +324,7 @@ def test_bound_that_is_largest_inside_a_range_is_counted():
     p, w = hf.symbol("p"), hf.symbol("w")
     system, region = one_state(
         -X + w, [X - 1, -1 - X], parameters=(hf.Parameter("p", value=0.5),),
-        pushes=(hf.Quantity("w", "m/s"),), bounds=hf.Box((-8 * p * (1 - p),), (8 * p * (1 - p),)),
+        pushes=(hf.Quantity("w"),), bounds=hf.Box((-8 * p * (1 - p),), (8 * p * (1 - p),)),
     )  # fmt: skip
     found = certify(system, region, box={"x": (-1, 1)}, cells=20, uncertain={"p": (0.0, 1.0)})
     low, high = found.ranges["w"]
@@ -332,9 +334,9 @@ def test_bound_that_is_largest_inside_a_range_is_counted():
 
 
 def test_one_name_with_two_values_is_refused():
-    p = hf.Parameter("p", "m", value=5.0)
+    p = hf.Parameter("p", value=5.0)
     system, _ = one_state(-X + p.symbol, [X - 1], parameters=(p,))
-    limit = hf.Inequality("limit", X - 1 - p.symbol, "m")
+    limit = hf.Inequality("limit", X - 1 - p.symbol)
     region = hf.Region("line", system.states, (limit,), (replace(p, value=0.0),))
     with pytest.raises(SimulationError, match="'p' is 5 in system 'line' and 0 in region"):
         certify(system, region, box={"x": (-1, 1)}, cells=20)
@@ -365,9 +367,8 @@ def test_squares_of_states_around_zero_are_checked(tmp_path):
 def test_root_of_squares_is_checked_where_a_cell_touches_zero(tmp_path):
     """A ball around [0, 1] reaches a little below 0, where a root is no number."""
     pushed, _ = cart()
-    disc = hf.Region(
-        "disc", pushed.states, (hf.Inequality("c", sp.sqrt(X**2 + V**2 / 4) - 1, "m"),)
-    )
+    inside = hf.Inequality("c", sp.sqrt(X**2 + V**2 / 4) - 1, "m")
+    disc = hf.Region("disc", pushed.states, (inside,), empirical="an ellipse of numbers")
     proved = certify(pushed, disc, box=CART, cells=20, sample_time=0.1, horizon=0.4)
     assert len(proved.kept.members) > 50
     assert "entries hold" in check(str(proved.write(tmp_path / "disc.holdfast")))
@@ -376,12 +377,12 @@ def test_root_of_squares_is_checked_where_a_cell_touches_zero(tmp_path):
 def test_certificate_of_rates_with_kinks_is_agreed_with(tmp_path):
     """No cell meets the kinks: the checker's slopes are those of the search."""
     system = hf.System(
-        "bent", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
+        "bent", (hf.Quantity("x"), hf.Quantity("v")), (hf.Quantity("a"),),
         {"x": sp.Max(V, -0.666) - 0.474 * X, "v": sp.Min(-0.923 * X, 0.498) + 0.51 * A},
         input_bounds=hf.Box((-0.9,), (0.9,)),
     )  # fmt: skip
     limits = (sp.Max(sp.Abs(X) - 0.775, sp.Abs(V) - 0.769), X - 0.529)
-    rows = tuple(hf.Inequality(f"c{k}", e, "m") for k, e in enumerate(limits))
+    rows = tuple(hf.Inequality(f"c{k}", e) for k, e in enumerate(limits))
     box = {"x": (-1.2, 1.2), "v": (-1.21, 1.21)}
     room = hf.Region("room", system.states, rows)
     proved = certify(system, room, box=box, cells=20, sample_time=0.068, horizon=0.272)

@@ -201,7 +201,13 @@ def test_another_vehicle_is_refused(seen):
             "'wa' of system 'camera' is -0.2",
         ),
         ({"input_bounds": hf.Box((-0.4, -0.8), (0.5, 0.8))}, "that 'u' of system 'camera' cannot"),
-        ({"states": (hf.Quantity("ahead", "m"), hf.Quantity("left", "cm"))}, "the states ahead"),
+        (
+            {
+                "states": (hf.Quantity("ahead", "m"), hf.Quantity("left", "cm")),
+                "empirical": "wrong",
+            },
+            "the states ahead",
+        ),
     ):
         fields = {
             n: getattr(other, n)
@@ -267,13 +273,13 @@ def three():
     z = hf.symbol("z")
     plain, walls = cart()
     system = hf.System(
-        "late", (*plain.states, hf.Quantity("z", "m")), plain.inputs,
+        "late", (*plain.states, hf.Quantity("z")), plain.inputs,
         {**plain.rates, "z": X - z}, disturbances=plain.disturbances, parameters=plain.parameters,
         disturbance_bounds=plain.disturbance_bounds, input_bounds=plain.input_bounds,
     )  # fmt: skip
     region = hf.Region(
         "room", system.states,
-        (*walls.inequalities, hf.Inequality("up", z - 1, "m"), hf.Inequality("down", -1 - z, "m")),
+        (*walls.inequalities, hf.Inequality("up", z - 1), hf.Inequality("down", -1 - z)),
     )  # fmt: skip
     found = hf.certify(
         system, region, box={"x": (-1, 1), "v": (-2, 2), "z": (-1, 1)},

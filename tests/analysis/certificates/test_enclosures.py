@@ -21,14 +21,14 @@ def spring():
     x, v, u, d = (hf.symbol(n) for n in "xvud")
     system = hf.System(
         "spring",
-        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
-        (hf.Quantity("u", "m/s^2"),),
+        (hf.Quantity("x"), hf.Quantity("v")),
+        (hf.Quantity("u"),),
         {"x": v, "v": -9 * x + u + d},
-        disturbances=(hf.Quantity("d", "m/s^2"),),
+        disturbances=(hf.Quantity("d"),),
         input_bounds=hf.Box((-1,), (1,)),
         disturbance_bounds=hf.Box((-0.2,), (0.2,)),
     )
-    return system, hf.Region("room", system.states, (hf.Inequality("end", abs(x) - 0.6, "m"),))
+    return system, hf.Region("room", system.states, (hf.Inequality("end", abs(x) - 0.6),))
 
 
 def certified(spring, **more):

@@ -31,30 +31,29 @@ H = float.hex
 X, TH, U, D = (hf.symbol(n) for n in ("x", "th", "u", "d"))
 
 
-def line(name="x", unit="m", rate=None):
-    quantity = hf.Quantity(name, unit)
+def line(state, rate):
     return hf.System(
-        "line", (quantity,), (hf.Quantity("u", f"{unit}/s"),), {name: U + D if rate is None else rate},
-        disturbances=(hf.Quantity("d", f"{unit}/s"),), input_bounds=hf.Box((-1.0,), (1.0,)),
+        "line", (state,), (hf.Quantity("u"),), {state.name: rate}, disturbances=(hf.Quantity("d"),),
+        input_bounds=hf.Box((-1.0,), (1.0,)),
         disturbance_bounds=hf.Box((-0.1,), (0.1,)),
     )  # fmt: skip
 
 
 def written(folder):
     """Small honest files of several kinds."""
-    system = line()
+    system = line(hf.Quantity("x"), U + D)
     ends = hf.Region("line", system.states, tuple(
-        hf.Inequality(n, e, "m") for n, e in (("l", -1 - X), ("r", X - 1))
+        hf.Inequality(n, e) for n, e in (("l", -1 - X), ("r", X - 1))
     ))  # fmt: skip
-    near = hf.Region("near", system.states, (hf.Inequality("n", sp.Abs(X) - 0.3, "m"),))
+    near = hf.Region("near", system.states, (hf.Inequality("n", sp.Abs(X) - 0.3),))
     given = {"box": {"x": (-1, 1)}, "sample_time": 0.2, "inputs": 3}
-    turn = line("th", "rad", U + D * sp.cos(TH))
+    turn = line(hf.Quantity("th", "rad"), U + D * sp.cos(TH))
     any_th = hf.Region("any", turn.states, (hf.Inequality("c", sp.sin(TH) - 2),))
     drawn = replace(
         system, parameters=(hf.Parameter("k", "1", value=0.125),),
         rates={"x": U * hf.symbol("k") - X / 4 + D},
     )  # fmt: skip
-    y = hf.Quantity("y", "m")
+    y = hf.Quantity("y")
     pair = hf.System("pair", (*system.states, y), (), {"x": -X, "y": -y.symbol})
     biased = hf.System(
         "biased", (*system.states, y), system.inputs, {"x": y.symbol + U / 8 - X / 4, "y": sp.S.Zero},

@@ -25,21 +25,19 @@ x, y, v, a, w, k = (hf.symbol(n) for n in ("x", "y", "v", "a", "w", "k"))
 
 
 def system(rates, disturbances=None, parameters=(), inputs=(), bounds=None):
-    names = [hf.Quantity(str(s), "m") for s in rates]
+    names = [hf.Quantity(str(s)) for s in rates]
     ends = disturbances or {}
     return hf.System(
-        "moving", tuple(names), tuple(hf.Quantity(n, "m/s") for n in inputs),
+        "moving", tuple(names), tuple(hf.Quantity(n) for n in inputs),
         {str(s): r for s, r in rates.items()}, parameters=parameters,
-        disturbances=tuple(hf.Quantity(n, "m/s") for n in ends),
+        disturbances=tuple(hf.Quantity(n) for n in ends),
         input_bounds=bounds,
         disturbance_bounds=hf.Box(*zip(*ends.values(), strict=True)) if ends else None,
     )  # fmt: skip
 
 
 def region(of, **limits):
-    return hf.Region(
-        "bounds", of.states, tuple(hf.Inequality(n, e, "m") for n, e in limits.items())
-    )
+    return hf.Region("bounds", of.states, tuple(hf.Inequality(n, e) for n, e in limits.items()))
 
 
 def contained(pipe, times, states, slack=1e-6):
@@ -154,8 +152,8 @@ def test_a_turn_does_not_wrap():
 @pytest.fixture(scope="module")
 def cart():
     of = hf.System(
-        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
-        {"x": v, "v": a + w}, disturbances=(hf.Quantity("w", "m/s^2"),),
+        "cart", (hf.Quantity("x"), hf.Quantity("v")), (hf.Quantity("a"),),
+        {"x": v, "v": a + w}, disturbances=(hf.Quantity("w"),),
         input_bounds=hf.Box((-1.0,), (1.0,)), disturbance_bounds=hf.Box((-0.1,), (0.1,)),
     )  # fmt: skip
     return of, region(of, left=-1 - x, right=x - 1)
@@ -547,8 +545,8 @@ def test_flowpipe_of_a_constant_is_not_of_what_changes(tmp_path):
 
 def test_cart_of_the_page_keeps_its_walls():
     of = hf.System(
-        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
-        {"x": v, "v": a + w}, disturbances=(hf.Quantity("w", "m/s^2"),),
+        "cart", (hf.Quantity("x"), hf.Quantity("v")), (hf.Quantity("a"),),
+        {"x": v, "v": a + w}, disturbances=(hf.Quantity("w"),),
         input_bounds=hf.Box((-1.0,), (1.0,)), disturbance_bounds=hf.Box((-0.3,), (0.3,)),
     )  # fmt: skip
     pipe = hf.flowpipe(

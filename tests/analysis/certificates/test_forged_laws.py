@@ -18,13 +18,14 @@ from tests.carts import STATES, WALLS, D, U, V, X, cart
 from tests.certified_systems import changed
 
 BOX = {"x": (-1, 1), "v": (-1, 1)}
+GAINS = "gains are numbers"
 
 
 @pytest.fixture(scope="module")
 def braked(tmp_path_factory):
     """u = -3 x - 3 v keeps a cart between its walls: one option, whatever is measured."""
     system = replace(cart(0.1), input_bounds=hf.Box((-2,), (2,)))
-    law = hf.Law("braked", system.states, {system.input_names[0]: -3 * X - 3 * V})
+    law = hf.Law("braked", system.states, {system.input_names[0]: -3 * X - 3 * V}, empirical=GAINS)
     found = hf.certify(system, WALLS, law=law, box=BOX, cells=41, sample_time=0.1)
     return found.write(tmp_path_factory.mktemp("law") / "braked.holdfast")
 
@@ -75,7 +76,7 @@ def test_law_at_places_that_a_seed_foretells_is_refused(tmp_path):
         disturbances=(hf.Quantity("d", "m/s"),), input_bounds=hf.Box((-1,), (1,)),
         disturbance_bounds=hf.Box((-0.1,), (0.1,)),
     )  # fmt: skip
-    law = hf.Law("to the middle", system.states, {"u": -X})
+    law = hf.Law("to the middle", system.states, {"u": -X}, empirical=GAINS)
     path = hf.certify(system, WALLS, law=law, box={"x": (-1, 1)}, cells=20, sample_time=0.5).write(
         tmp_path / "line.holdfast"
     )

@@ -128,8 +128,8 @@ FLOWS = {
 
 
 def header_of(rate, constraint, start):
-    system = hf.System("line", (hf.Quantity("x", "m"),), (), {"x": rate})
-    region = hf.Region("region", system.states, (hf.Inequality("c", constraint, "m"),))
+    system = hf.System("line", (hf.Quantity("x"),), (), {"x": rate})
+    region = hf.Region("region", system.states, (hf.Inequality("c", constraint),))
     pipe = hf.flowpipe(system, region, start={"x": start}, horizon=1, degrees=(1, 2), parts=1)
     header = {**pipe.header, "splits": [], "entries": 0}
     return reading.formed(header, reading.FLOWPIPE, "the header")

@@ -15,11 +15,11 @@ X, V, W = (hf.symbol(n) for n in ("x", "v", "w"))
 def slider(limit=1.0):
     """x' = v + w on a line from -1 to 1, v at most `limit`, w up to 0.3 m/s."""
     system = hf.System(
-        "slider", (hf.Quantity("x", "m"),), (hf.Quantity("v", "m/s"),), {"x": V + W},
-        disturbances=(hf.Quantity("w", "m/s"),), disturbance_bounds=hf.Box((-0.3,), (0.3,)),
+        "slider", (hf.Quantity("x"),), (hf.Quantity("v"),), {"x": V + W},
+        disturbances=(hf.Quantity("w"),), disturbance_bounds=hf.Box((-0.3,), (0.3,)),
         input_bounds=hf.Box((-limit,), (limit,)),
     )  # fmt: skip
-    ends = (hf.Inequality("left", -1 - X, "m"), hf.Inequality("right", X - 1, "m"))
+    ends = (hf.Inequality("left", -1 - X), hf.Inequality("right", X - 1))
     return system, hf.Region("line", system.states, ends)
 
 
@@ -97,10 +97,10 @@ def test_trajectory_of_which_no_box_is_found_refutes_nothing():
     """x' = 8 x, z' = 1 - (x/850)^8: z stays below 0.83, and no box contains a way of one second."""
     z, v = hf.symbol("z"), V
     system = hf.System(
-        "fast", (hf.Quantity("x", "m"), hf.Quantity("z", "m")), (hf.Quantity("v", "m/s"),),
+        "fast", (hf.Quantity("x"), hf.Quantity("z")), (hf.Quantity("v"),),
         {"x": 8 * X, "z": 1 - (X / 850) ** 8 + v}, input_bounds=hf.Box((-1.0,), (1.0,)),
     )  # fmt: skip
-    low = hf.Region("low", system.states, (hf.Inequality("c", z - 0.86, "m"),))
+    low = hf.Region("low", system.states, (hf.Inequality("c", z - 0.86),))
     still = hf.Law("still", system.states, {"v": 0 * X})
     found = judge_law(
         system, low, still, box={"x": (0.99, 1.01), "z": (-0.01, 0.01)}, cells=1, sample_time=1.0

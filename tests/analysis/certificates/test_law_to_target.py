@@ -30,7 +30,7 @@ def run(found, law, starts, w, **more):
     )  # fmt: skip
 
 
-@pytest.mark.few("w1")
+@pytest.mark.heavy
 @pytest.mark.parametrize("w", [AWAY, SWINGING, ACROSS])
 def test_thousand_starts_arrive_in_the_time_that_remains_and_leave_the_room_nowhere(parked, w):
     starts = starts_in(parked, parked.kept.members, 1000, 21)

@@ -12,15 +12,16 @@ from tests import carts
 X, V, A, W, PSI, Y = (hf.symbol(n) for n in ("x", "v", "a", "w", "psi", "y"))
 CART = carts.cart()
 LAG = hf.System(
-    "lag", (hf.Quantity("x", "m"),), (hf.Quantity("a", "m/s"),), {"x": A - X},
+    "lag", (hf.Quantity("x"),), (hf.Quantity("a"),), {"x": A - X},
     input_bounds=hf.Box((-1,), (1,)),
 )  # fmt: skip
-NEAR = hf.Region("near", LAG.states, (hf.Inequality("near", sp.Abs(X) - 0.1, "m"),))
+NEAR = hf.Region("near", LAG.states, (hf.Inequality("near", sp.Abs(X) - 0.1),))
 MASS = hf.System(
     "mass", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
     {"x": V, "v": A}, input_bounds=hf.Box((-1,), (1,)),
 )  # fmt: skip
-REST = hf.Region("rest", MASS.states, (hf.Inequality("near", X**2 + V**2 - 0.01, "m^2"),))
+DISC = hf.Inequality("near", X**2 + V**2 - 0.01)
+REST = hf.Region("rest", MASS.states, (DISC,), empirical="a disc of numbers")
 ENDS = {"x": "extrapolated", "v": "extrapolated"}
 
 

@@ -205,10 +205,12 @@ def test_numbers_are_read_exactly():
 @pytest.mark.heavy
 def test_delay_errors_a_target_and_a_law_come_back_from_the_file(tmp_path):
     system, region = camera(), view(camera())
+    rates = {"u": 0 * AHEAD, "r": 2 * LEFT}
+    turns = hf.Law("still", system.states, rates, empirical="a gain is a number")
     kinds = (
         {"delay": 0.02, "errors": {"left": 0.01}},
         {"target": hf.Region("near", system.states, (hf.Inequality("d", AHEAD - 1, "m"),))},
-        {"law": hf.Law("still", system.states, {"u": 0 * AHEAD, "r": 2 * LEFT}), "horizon": 0.2},
+        {"law": turns, "horizon": 0.2},
     )
     for more in kinds:
         found = hf.certify(system, region, box=BOX, cells=31, **more)

@@ -60,9 +60,8 @@ def test_verdict_of_a_cart_says_all_that_is_proved(path):
 
 def test_verdict_of_a_target_says_late_inputs_errors_and_the_horizon(tmp_path):
     near = hf.Region("near", STATES, tuple(
-        hf.Inequality(str(k), e, "m") for k, e in enumerate(
-            s * q.symbol - 0.5 for q in STATES for s in (-1, 1)
-        )
+        hf.Inequality(str(2 * k + j), s * q.symbol - 0.5, q.unit)
+        for k, q in enumerate(STATES) for j, s in enumerate((-1, 1))
     ))  # fmt: skip
     found = hf.certify(
         cart(0.1), WALLS, box={"x": (-1, 1), "v": (-1.6, 1.6)}, cells=61, sample_time=0.2, inputs=5,

@@ -15,22 +15,22 @@ def system(rates, disturbed=False):
     more = {}
     if disturbed:
         more = {
-            "disturbances": (hf.Quantity("d", "1"),), "disturbance_bounds": hf.Box((-0.5,), (0.5,)),
+            "disturbances": (hf.Quantity("d"),), "disturbance_bounds": hf.Box((-0.5,), (0.5,)),
         }  # fmt: skip
     return hf.System(
-        "cart", tuple(hf.Quantity(n, "m") for n in rates), (hf.Quantity("u", "m"),), rates,
+        "cart", tuple(hf.Quantity(n) for n in rates), (hf.Quantity("u"),), rates,
         input_bounds=hf.Box((-1,), (1,)), **more,
     )  # fmt: skip
 
 
 def walls(name, *more):
     s = hf.symbol(name)
-    rows = [hf.Inequality("low", -1 - s, "m"), hf.Inequality("high", s - 1, "m"), *more]
+    rows = [hf.Inequality("low", -1 - s), hf.Inequality("high", s - 1), *more]
     reads = {name, *(str(t) for c in rows for t in c.expression.free_symbols)}
-    return hf.Region("walls", tuple(hf.Quantity(n, "m") for n in sorted(reads)), tuple(rows))
+    return hf.Region("walls", tuple(hf.Quantity(n) for n in sorted(reads)), tuple(rows))
 
 
-JUMP = hf.Inequality("jump", W - 0.5 - 0.6 * sgn(W - 0.2), "m"), hf.Inequality("less", -1 - W, "m")
+JUMP = hf.Inequality("jump", W - 0.5 - 0.6 * sgn(W - 0.2)), hf.Inequality("less", -1 - W)
 
 
 @pytest.mark.parametrize(

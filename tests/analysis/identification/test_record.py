@@ -34,7 +34,7 @@ def test_table_of_identification_is_the_record_of_the_benchmark():
 def test_coverage_of_the_page_is_the_record_of_the_benchmark():
     told = json.loads((ROOT / "benchmarks" / "identification.json").read_text())["known"]
     page = (ROOT / "docs" / "identify.md").read_text()
-    assert f"Of {told['logs']} logs of an Otter with known numbers" in page
+    assert f"{told['logs']} logs of an Otter with known numbers" in page
     assert (
         f"{told['inside']} of {told['intervals']} intervals at 95 % contain the truth, and "
         f"{told['covered']} of {told['logs']} second logs are within the bound"

@@ -167,7 +167,8 @@ def test_filter_for_a_while_keeps_for_as_long_as_it_says():
 def test_filter_stands_around_a_law_in_a_simulation(seen, keep):
     """A law that drives away from the target: alone it loses all, behind the filter none."""
     system, region = camera(), view(camera())
-    away = hf.Law("away", system.states, {"u": -0.2 + 0 * AHEAD, "r": LEFT / 10})
+    turning = {"u": -0.2 + 0 * AHEAD, "r": LEFT / 10}
+    away = hf.Law("away", system.states, turning, empirical="a gain is a number")
     run = {
         "starts": starts_in(seen, seen.kept.members, 200, 11), "region": region, "horizon": 8.0,
         "sample_time": 0.1, "substeps": 10, "disturbance": {"wa": -0.1, "wb": 0.15},

@@ -75,10 +75,17 @@ def test_a_filter_of_a_region_goes_on_from_its_copy(options):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_filters_of_a_kernel_and_of_a_certificate_go_on_from_their_copies(kernel, certificate):
-    for more in ({}, {"rates": {"u": 80.0}}, {"delay": 0.1}):
-        check(hf.SafetyFilter(cart(0.1), kernel, sample_time=HOLD, **more))
+def test_a_filter_of_a_certificate_goes_on_from_its_copy(certificate):
     check(hf.CertifiedFilter(certificate))
+
+
+@pytest.mark.slow("plain", "delay")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    "more", [{}, {"rates": {"u": 80.0}}, {"delay": 0.1}], ids=["plain", "rates", "delay"]
+)
+def test_a_filter_of_a_kernel_goes_on_from_its_copy(kernel, more):
+    check(hf.SafetyFilter(cart(0.1), kernel, sample_time=HOLD, **more))
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -102,9 +109,11 @@ def commanded(controller, first, count=5):
     return [[c.input.tolist(), c.mode] for c in commands]
 
 
+@pytest.mark.slow("inspection")
 @pytest.mark.filterwarnings("ignore")
-def test_a_controller_goes_on_in_its_mode():
-    check(hf.Controller(hf.load_scenario("inspection")), commanded)
+@pytest.mark.parametrize("name", ["ch2-integrator", "inspection"])
+def test_a_controller_goes_on_in_its_mode(name):
+    check(hf.Controller(hf.load_scenario(name)), commanded)
 
 
 def test_a_plant_goes_on_from_where_it_is():

@@ -49,7 +49,7 @@ def runs(command, law):
     return hf.simulate(late_cart(), law, sample_time=SAMPLE, command=command, **options)
 
 
-@pytest.mark.few("random")
+@pytest.mark.heavy
 @pytest.mark.parametrize("push", [1.0, -1.0, np.nan], ids=["right", "left", "random"])
 def test_a_vehicle_that_lags_is_kept_whatever_it_is_commanded(push):
     rng = np.random.default_rng(2)

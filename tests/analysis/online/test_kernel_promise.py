@@ -9,14 +9,14 @@ import pytest
 import holdfast as hf
 
 X, U = hf.symbol("x"), hf.symbol("u")
-STATE = (hf.Quantity("x", "m"),)
+STATE = (hf.Quantity("x"),)
 ENDS = hf.Region("ends", STATE, (hf.Inequality("left", -1 - X), hf.Inequality("right", X - 1)))
 
 
 def drifting():
     """It is driven outwards by x / 2 and steered by at most .1: |x| <= .2 can be held."""
     return hf.System(
-        "drifting", STATE, (hf.Quantity("u", "m/s"),), {"x": X / 2 + U},
+        "drifting", STATE, (hf.Quantity("u"),), {"x": X / 2 + U},
         input_bounds=hf.Box((-0.1,), (0.1,)),
     )  # fmt: skip
 

@@ -287,7 +287,7 @@ def test_measurements_that_are_not_finite_are_a_status_and_the_fallback_is_appli
 def test_conditions_that_are_not_finite_at_a_state_are_a_status(double_integrator):
     """sqrt(x) at x < 0, and where its slope is infinite."""
     root = hf.Region(
-        "root", double_integrator.states, (hf.Inequality("c", sp.sqrt(hf.symbol("x")) - 1, "m"),)
+        "root", double_integrator.states, (hf.Inequality("c", sp.sqrt(hf.symbol("x")) - 1),)
     )
     keep = hf.SafetyFilter(double_integrator, root, fallback=[-0.5])
     for state in ([-0.1, 0.1], [0.0, 0.1]):
@@ -306,7 +306,7 @@ def test_observer_forgets_a_sample_at_which_the_conditions_are_not_finite():
         "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
         {"x": v, "v": a}, input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
-    root = hf.Region("root", cart.states, (hf.Inequality("c", sp.sqrt(x) - 1, "m"),))
+    root = hf.Region("root", cart.states, (hf.Inequality("c", sp.sqrt(x) - 1),))
     keep, other = (hf.SafetyFilter(cart, root, states=("x",), bandwidth=4.0) for _ in range(2))
     for keeper in (keep, other):
         keeper.step([0.5], [0.3], t=0.0)
@@ -388,7 +388,8 @@ def test_observer_estimates_what_is_not_measured(vehicle, view, observed, more):
     """Pose only: the filter's inputs are those of the observed, safeguarded law in `simulate`."""
     x, y, psi = (hf.symbol(n) for n in ("x", "y", "psi"))
     pose = [q for q in vehicle.states if q.name in ("x", "y", "psi")]
-    steady = hf.Law("steady", tuple(pose), {"tau_u": 0.3 - 0.1 * x, "tau_r": 0.2 - 0.01 * psi * y})
+    outputs = {"tau_u": 0.3 - 0.1 * x, "tau_r": 0.2 - 0.01 * psi * y}
+    steady = hf.Law("steady", tuple(pose), outputs, empirical="gains are numbers")
     guarded = hf.safeguard(vehicle, steady, view)
     whole = observed(vehicle, guarded, measured=("x", "y", "psi"), bandwidth=3.0, **more)
     data = hf.simulate(

@@ -25,7 +25,8 @@ walls = hf.Region(
     "walls", cart.states[:1],
     (hf.Inequality("left", -w - x, "m"), hf.Inequality("right", x - w, "m")), cart.parameters,
 )
-goal = hf.Region("goal", cart.states, (hf.Inequality("c", x**2 + v**2 - 0.1, "m"),))
+disc = hf.Inequality("c", x**2 + v**2 - 0.1, "m")
+goal = hf.Region("goal", cart.states, (disc,), empirical="a disc of numbers")
 grid = hf.grid(cart, {"x": (-1.3, 1.3), "v": (-1.8, 1.8)}, 41)
 
 def basin(**options):

@@ -19,10 +19,12 @@ def line(rate, most=1.0, parameters=(), samples=0):
     return hf.System(
         "line", (hf.Quantity("x", "m"),), (hf.Quantity("u", "1"),), {"x": rate},
         parameters=parameters, input_bounds=hf.Box((-most,), (most,)), samples=samples,
+        empirical="rates are numbers",
     )  # fmt: skip
 
 
-GROWTH, PUSH, DRIFT = (hf.Parameter(n, "1", value=0.0) for n in ("growth", "push", "drift"))
+GROWTH = hf.Parameter("growth", "1/s", value=0.0)
+PUSH, DRIFT = (hf.Parameter(n, "m/s", value=0.0) for n in ("push", "drift"))
 AFFINE = line(GROWTH.symbol * X + PUSH.symbol * U + DRIFT.symbol, 1.0, (GROWTH, PUSH, DRIFT))
 WALLS = hf.Region(
     "walls", (hf.Quantity("x", "m"),),

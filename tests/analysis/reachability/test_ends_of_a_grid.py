@@ -82,10 +82,10 @@ def test_each_end_on_a_constraint_lets_its_loss_in(wide, name, end):
 @pytest.mark.parametrize("low", ["0.2 - x**0.5", "1/(x + 0.02) - 1/0.06"])
 def test_margin_that_is_no_number_beyond_the_grid_says_nothing_of_what_is_there(low, scheme):
     """x is kept from .04 to 1; the grid ends at 0."""
-    states = (hf.Quantity("x", "m"),)
+    states = (hf.Quantity("x"),)
     x, u = hf.symbol("x"), hf.symbol("u")
     system = hf.System(
-        "point", states, (hf.Quantity("u", "m/s"),), {"x": u}, input_bounds=hf.Box((-1,), (1,))
+        "point", states, (hf.Quantity("u"),), {"x": u}, input_bounds=hf.Box((-1,), (1,))
     )
     below = hf.parse_expression(low, {"x": x})
     rows = (hf.Inequality("low", below), hf.Inequality("high", x - 1))
@@ -142,14 +142,14 @@ def test_set_depends_on_nothing_beyond_an_end_that_nothing_leads_out_of(fastest,
     x, v, u, d = (hf.symbol(n) for n in ("x", "v", "u", "d"))
     system = hf.System(
         "cart in water",
-        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
-        (hf.Quantity("u", "m/s^2"),),
+        (hf.Quantity("x"), hf.Quantity("v")),
+        (hf.Quantity("u"),),
         {"x": v, "v": u + d - v * abs(v)},
-        disturbances=(hf.Quantity("d", "m/s^2"),),
+        disturbances=(hf.Quantity("d"),),
         input_bounds=hf.Box((-1,), (1,)),
         disturbance_bounds=hf.Box((-0.1,), (0.1,)),
     )
-    walls = hf.Region("walls", system.states, (hf.Inequality("far", abs(x) - 1, "m"),))
+    walls = hf.Region("walls", system.states, (hf.Inequality("far", abs(x) - 1),))
     grid = hf.grid(system, {"x": (-1.1, 1.1), "v": (-fastest, fastest)}, 61)
     found = hf.discriminating_kernel(system, walls, grid, 10.0)
     assert found.contains([[0.0, fastest]])[0], "the set is there at the end"
@@ -164,12 +164,12 @@ def test_what_leads_out_of_an_end_is_not_judged_where_it_depends_on_time():
     x, v, u = (hf.symbol(n) for n in ("x", "v", "u"))
     system = hf.System(
         "cart in water that thickens",
-        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
-        (hf.Quantity("u", "m/s^2"),),
+        (hf.Quantity("x"), hf.Quantity("v")),
+        (hf.Quantity("u"),),
         {"x": v, "v": (u - v * abs(v)) * hf.TIME},
         input_bounds=hf.Box((-1,), (1,)),
     )
-    walls = hf.Region("walls", system.states, (hf.Inequality("far", abs(x) - 1, "m"),))
+    walls = hf.Region("walls", system.states, (hf.Inequality("far", abs(x) - 1),))
     grid = hf.grid(system, {"x": (-1.1, 1.1), "v": (-1.2, 1.2)}, 21)
     found = hf.viability_kernel(system, walls, grid, 0.3, scheme="upwind")
     assert found.report.ends_reached == "v = -1.2, v = 1.2"
@@ -178,10 +178,10 @@ def test_what_leads_out_of_an_end_is_not_judged_where_it_depends_on_time():
 @pytest.mark.parametrize("rate", ["u/2 - x", "u/2 + x"])
 def test_what_a_forward_set_has_beyond_the_grid_is_said_whether_it_flows_in_or_out(rate):
     x, u = hf.symbol("x"), hf.symbol("u")
-    states = (hf.Quantity("x", "m"),)
+    states = (hf.Quantity("x"),)
     rates = {"x": hf.parse_expression(rate, {"x": x, "u": u})}
     line = hf.System("line", states, (hf.Quantity("u"),), rates, input_bounds=hf.Box((-1,), (1,)))
-    start = hf.Region("start", states, (hf.Inequality("far", abs(x) - 1, "m"),))
+    start = hf.Region("start", states, (hf.Inequality("far", abs(x) - 1),))
     grid = hf.grid(line, {"x": (-0.8, 0.8)}, 41, {"x": "extrapolated"})
     found = hf.forward_reachable_set(line, start, grid, 0.1)
     assert found.report.ends_reached == "x = -0.8, x = 0.8"

@@ -10,7 +10,7 @@ import holdfast as hf
 from tests.carts import BOX, STATES, WALLS, cart
 
 ORIGIN = hf.Region("origin", STATES[:1], (
-    hf.Inequality("near", hf.symbol("x") ** 2 - 0.04, "m"),
+    hf.Inequality("near", hf.symbol("x") ** 2 - 0.04, "m^2"),
 ))  # fmt: skip
 NODES = 601  # so that the scratch of a sweep, which no node has, is little beside them
 

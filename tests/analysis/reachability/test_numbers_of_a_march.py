@@ -14,7 +14,7 @@ CART = hf.System(
     {"x": V, "v": U + D}, disturbances=(hf.Quantity("d", "m/s^2"),), parameters=(LIMIT,),
     input_bounds=hf.Box((-1,), (1,)), disturbance_bounds=hf.Box((-LIMIT.symbol,), (LIMIT.symbol,)),
 )  # fmt: skip
-WALLS = hf.Region("walls", CART.states[:1], (hf.Inequality("walls", X**2 - 1, "m"),))
+WALLS = hf.Region("walls", CART.states[:1], (hf.Inequality("walls", X**2 - 1, "m^2"),))
 GRID = hf.grid(CART, {"x": (-1.3, 1.3), "v": (-1.8, 1.8)}, 41)
 
 

@@ -180,7 +180,8 @@ def test_values_at_several_times_are_those_of_the_finer_grid():
 def test_reachable_sets_are_those_of_the_finer_grid(find):
     """A cart that begins, or is to arrive, within a disk; against a disturbance it is filtered, with
     a leeway that is larger on the coarser grid."""
-    disk = hf.Region("disk", carts.STATES, (hf.Inequality("disk", X**2 + V**2 - 0.1),))
+    inside = hf.Inequality("disk", X**2 + V**2 - 0.1)
+    disk = hf.Region("disk", carts.STATES, (inside,), empirical="a disk of numbers")
     problem = replace(braking(), find=find, system=carts.cart(), regions=(disk,), horizon=0.5)
     problem = replace(problem, box={"x": (-1.6, 1.6), "v": (-1.6, 1.6)}, ends=None)
     fine, refined = pair(problem, (32, 32), scheme="eno2")
@@ -286,13 +287,13 @@ def test_memory_of_a_refined_march_is_at_most_that_of_both_grids():
 def test_several_times_of_a_march_of_first_order_on_refined_grids_are_those_of_the_finer_grid():
     """Its arrays change places with every step, and some intervals have an odd number of steps."""
     times, box = [0.1, 0.2, 0.35, 0.5], dict.fromkeys("xy", (-0.4, 1.6))
-    states = tuple(hf.Quantity(n, "m") for n in "xy")
+    states = tuple(hf.Quantity(n) for n in "xy")
     x, y, u = (hf.symbol(n) for n in "xyu")
     system = hf.System(
-        "unstable", states, (hf.Quantity("u", "m/s"),), {"x": 2 * x + u, "y": -x + y},
+        "unstable", states, (hf.Quantity("u"),), {"x": 2 * x + u, "y": -x + y},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
-    region = hf.Region("disc", states, (hf.Inequality("edge", x**2 + y**2 - 0.12, "m^2"),))
+    region = hf.Region("disc", states, (hf.Inequality("edge", x**2 + y**2 - 0.12),))
     options = {"scheme": "upwind", "order": 1, "times": times}
     coarse, fine = (hf.grid(system, box, n) for n in (11, 41))
     refined = hf.viability_kernel(system, region, coarse, 0.7, refine=4, **options)

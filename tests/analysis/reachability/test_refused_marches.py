@@ -184,7 +184,7 @@ def test_regions_and_disturbances_that_are_none():
     grid = hf.grid(CART, BOX, 21)
     refused("got None; expected a Region", lambda: hf.viability_kernel(CART, None, grid, 1))
     pushed = hf.System(
-        "pushed", STATES, CART.inputs, {"x": V, "v": U + D}, disturbances=(hf.Quantity("d", "1"),),
+        "pushed", STATES, CART.inputs, {"x": V, "v": U + D}, disturbances=(hf.Quantity("d"),),
         input_bounds=CART.input_bounds, disturbance_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
     for value in ("a", math.nan, None, True):

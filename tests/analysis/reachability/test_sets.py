@@ -48,9 +48,9 @@ def test_set_at_a_time_is_not_the_tube_up_to_it(system, seconds, at, tube):
 
 def test_turning_target_comes_round_again():
     """After a whole turn the set is the target itself; the tube is the ring that it swept."""
-    plane = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+    plane = (hf.Quantity("x"), hf.Quantity("y"))
     system = hf.System("turn", plane, (), {"x": -y, "y": x})
-    disc = hf.Region("disc", plane, (hf.Inequality("far", (x - 1) ** 2 + y**2 - 0.16, "m"),))
+    disc = hf.Region("disc", plane, (hf.Inequality("far", (x - 1) ** 2 + y**2 - 0.16),))
     box = {"x": (-2, 2), "y": (-2, 2)}
     over = hf.grid(system, box, 101, dict.fromkeys(box, "extrapolated"))
     back = hf.backward_reachable_at(system, disc, over, 2 * np.pi)

@@ -25,7 +25,7 @@ RNG = np.random.default_rng(5)
 
 def grid(shape=SHAPE):
     states = tuple(
-        hf.Quantity(n, "rad" if n == "theta" else "m", angle=n == "theta") for n in NAMES
+        hf.Quantity(n, "rad", angle=True) if n == "theta" else hf.Quantity(n) for n in NAMES
     )
     system = hf.System("four", states, (), {n: hf.symbol(n) for n in NAMES})
     box = {"x": (-1, 1), "y": (-2, 2), "theta": (-np.pi, np.pi), "v": (0, 3)}

@@ -164,10 +164,10 @@ def test_forward_reach_is_called_an_inner_approximation_wherever_it_is_told():
     """x' = -x + u from rest reaches x < 1: a grid leaves some of it out."""
     x, u = hf.symbol("x"), hf.symbol("u")
     lag = hf.System(
-        "lag", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": u - x},
+        "lag", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": u - x},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
-    start = hf.Region("rest", lag.states, (hf.Inequality("near", sp.Abs(x) - 0.1, "m"),))
+    start = hf.Region("rest", lag.states, (hf.Inequality("near", sp.Abs(x) - 0.1),))
     grid = hf.grid(lag, {"x": (-1.5, 1.5)}, 41, {"x": "extrapolated"})
     ahead = hf.forward_reachable_set(lag, start, grid, 3.0)
     assert ahead.extent()["x"][1] < 1 - 0.9 * np.exp(-3)
@@ -179,9 +179,8 @@ def test_forward_reach_is_called_an_inner_approximation_wherever_it_is_told():
 
 
 def test_forward_reach_is_the_reverse_of_backward_reach():
-    start = hf.Region(
-        "start", CART.states, (hf.Inequality("c", sp.sqrt(X**2 + V**2 + 1e-12) - 0.2, "m"),)
-    )
+    disc = hf.Inequality("c", sp.sqrt(X**2 + V**2 + 1e-12) - 0.2, "m")
+    start = hf.Region("start", CART.states, (disc,), empirical="a disc of numbers")
     box = {"x": (-2, 2), "v": (-2, 2)}
     ahead = hf.forward_reachable_set(CART, start, hf.grid(CART, box, 81), 1.0)
     back = hf.backward_reachable_tube(CART, start, hf.grid(CART, box, 81), 1.0)
@@ -201,8 +200,9 @@ def test_forward_reach_is_the_reverse_of_backward_reach():
 def test_invariance_kernel_is_what_no_input_can_leave():
     """x' = -x + u, |u| <= 0.5: |x| <= 1 cannot be left; |x| <= 0.4 is left from everywhere."""
     decay = hf.System(
-        "decay", CART.states[:1], CART.inputs, {"x": U - X}, input_bounds=hf.Box((-0.5,), (0.5,))
-    )
+        "decay", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": U - X},
+        input_bounds=hf.Box((-0.5,), (0.5,)),
+    )  # fmt: skip
     grid = hf.grid(decay, {"x": (-1.3, 1.3)}, 101)
     held = hf.invariance_kernel(decay, WALLS, grid, 5.0)
     assert held.volume() == pytest.approx(2.0, rel=0.02)
@@ -260,12 +260,14 @@ def test_a_state_with_the_name_of_a_variable_of_the_file_is_refused(name):
 
 
 def test_grids_of_another_system_and_margins_that_are_no_numbers_are_refused():
-    one = hf.System("one", CART.states[:1], CART.inputs, {"x": U}, input_bounds=CART.input_bounds)
+    one = hf.System(
+        "one", CART.states[:1], (hf.Quantity("u"),), {"x": U}, input_bounds=CART.input_bounds
+    )
     with pytest.raises(
         SimulationError, match="the grid belongs to another system, with the states x; expected the"
     ):
         hf.viability_kernel(CART, WALLS, hf.grid(one, {"x": (-2, 2)}, 21), 1.0)
-    root = hf.Region("root", CART.states[:1], (hf.Inequality("c", sp.sqrt(X) - 1, "m"),))
+    root = hf.Region("root", CART.states[:1], (hf.Inequality("c", sp.sqrt(X) - 1),))
     with pytest.raises(SimulationError, match="are NaN at some nodes"):
         hf.viability_kernel(one, root, hf.grid(one, {"x": (-2, 2)}, 21), 1.0)
 
@@ -288,8 +290,9 @@ def test_problems_that_are_another_are_refused():
 def test_a_march_that_takes_in_what_is_outside_is_no_result():
     """The reach of a vehicle that runs off the grid, with ends that are continued, is caught or told."""
     outward = hf.System(
-        "outward", CART.states[:1], CART.inputs, {"x": 3 * X + U}, input_bounds=hf.Box((-1,), (1,))
-    )
-    start = hf.Region("start", outward.states, (hf.Inequality("c", X**2 - 0.01, "m"),))
+        "outward", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": 3 * X + U},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    start = hf.Region("start", outward.states, (hf.Inequality("c", X**2 - 0.01),))
     found = hf.forward_reachable_set(outward, start, hf.grid(outward, {"x": (-1, 1)}, 101), 2.0)
     assert found.dataset.attrs["ends_reached"] == "x = -1, x = 1"

@@ -214,8 +214,8 @@ def test_field_that_pushes_to_the_wall_everywhere_and_one_of_time_have_no_place_
 
 def test_system_without_inputs_rests_where_its_rates_vanish():
     x = hf.symbol("x")
-    ball = hf.System("ball", (hf.Quantity("x", "m"),), (), {"x": 0.25 - x})
-    near = hf.Region("near", ball.states, (hf.Inequality("far", x - 1, "m"),))
+    ball = hf.System("ball", (hf.Quantity("x"),), (), {"x": 0.25 - x})
+    near = hf.Region("near", ball.states, (hf.Inequality("far", x - 1),))
     rest = hf.resting_state(ball, near)
     assert rest.exists
     assert rest.state["x"] == pytest.approx(0.25)

@@ -109,7 +109,7 @@ def test_margin_leaves_the_outer_layers_out_of_the_claim_and_says_so():
     assert "starts nearer to the edge" in promise.conclusion
 
 
-@pytest.mark.few("0.001")
+@pytest.mark.heavy
 @pytest.mark.parametrize("second", [1.0, 1e3, 1e-3])
 def test_trial_by_default_is_the_same_in_every_unit_of_time(second):
     system, value = kernel(second)

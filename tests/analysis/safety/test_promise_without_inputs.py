@@ -7,14 +7,12 @@ import pytest
 import holdfast as hf
 
 X, D = hf.symbol("x"), hf.symbol("d")
-STATES = (hf.Quantity("x", "m"),)
-WALLS = hf.Region(
-    "walls", STATES, (hf.Inequality("right", X - 1, "m"), hf.Inequality("left", -1 - X, "m"))
-)
+STATES = (hf.Quantity("x"),)
+WALLS = hf.Region("walls", STATES, (hf.Inequality("right", X - 1), hf.Inequality("left", -1 - X)))
 
 
 def drifting(rate, push=0.0):
-    pushed = {"disturbances": (hf.Quantity("d", "m/s"),)} if push else {}
+    pushed = {"disturbances": (hf.Quantity("d"),)} if push else {}
     bounds = {"disturbance_bounds": hf.Box((-push,), (push,))} if push else {}
     return hf.System("drifting", STATES, (), {"x": rate + D * int(bool(push))}, **pushed, **bounds)
 

@@ -21,6 +21,7 @@ def kernel():
     return hf.discriminating_kernel(system, WALLS, hf.grid(system, BOX, 81), horizon=6)
 
 
+@pytest.mark.heavy
 def test_every_state_of_the_kernel_stays_whatever_pushes_it(kernel):
     """The exact kernel brakes at 1 - 0.5; every start against every push that was thought of."""
     promise = hf.check_promise(cart(), kernel, WALLS, runs=200, horizon=20, seed=3)
@@ -116,14 +117,17 @@ def test_value_at_several_times_is_followed_down():
         hf.check_promise(system, kernel, WALLS, horizon=2.0)
 
 
+def disc(name, radius):
+    near = hf.Inequality("near", (X**2 + V**2) ** 0.5 - radius, "m")
+    return hf.Region(name, STATES, (near,), empirical="a disc of numbers")
+
+
 def test_basin_reaches_its_goal():
     system = hf.System(
         "line", STATES, (hf.Quantity("u", "m/s^2"),), {"x": V, "v": U},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
-    goal = hf.Region("goal", STATES, (
-        hf.Inequality("near", (X**2 + V**2) ** 0.5 - 0.2, "m"),
-    ))  # fmt: skip
+    goal = disc("goal", 0.2)
     grid = hf.grid(system, {"x": (-1.3, 1.3), "v": (-1.5, 1.5)}, 81)
     basin = hf.capture_basin(
         system, goal, WALLS, grid, 2.0, times=np.linspace(0.1, 2.0, 20), arrival_steps=0
@@ -212,7 +216,7 @@ def test_backward_set_reaches_its_target_through_anything():
         "line", STATES, (hf.Quantity("u", "m/s^2"),), {"x": V, "v": U},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
-    target = hf.Region("target", STATES, (hf.Inequality("near", (X**2 + V**2) ** 0.5 - 0.3, "m"),))
+    target = disc("target", 0.3)
     grid = hf.grid(system, {"x": (-2, 2), "v": (-2, 2)}, 81)
     found = hf.backward_reachable_tube(system, target, grid, 1.5, times=np.linspace(0.1, 1.5, 15))
     promise = hf.check_promise(system, found, None, goal=target, runs=200)
@@ -288,8 +292,9 @@ def test_margin_counts_what_a_value_rises_by_as_time_runs_down(first, fall):
 def test_margin_of_a_value_that_jumps_does_not_grow_with_the_grid():
     """x' = 2x + u/2 is held within 1/4, where V = 1 - |x| jumps: from .75 m all is lost at once."""
     system = hf.System(
-        "unstable", POINT, (U_IN,), {"x": 2 * X + U / 2}, input_bounds=hf.Box((-1,), (1,))
-    )
+        "unstable", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": 2 * X + U / 2},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
     walls = hf.Region("walls", POINT, (hf.Inequality("both", abs(X) - 1, "m"),))
     margins = []
     for nodes in (41, 161, 641):
@@ -335,7 +340,7 @@ def test_law_that_is_kept_in_the_basin_of_two_walls_arrives_too():
         "line", STATES, (hf.Quantity("u", "m/s^2"),), {"x": V, "v": U},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
-    goal = hf.Region("goal", STATES, (hf.Inequality("near", (X**2 + V**2) ** 0.5 - 0.2, "m"),))
+    goal = disc("goal", 0.2)
     grid = hf.grid(system, {"x": (-1.3, 1.3), "v": (-1.5, 1.5)}, 81)
     times = np.linspace(0, 2, 11)
     basin = hf.capture_basin(system, goal, WALLS, grid, 2.0, times=times, arrival_steps=0)
@@ -370,7 +375,7 @@ def test_law_that_sees_the_state_late_keeps_what_one_that_does_not_keeps(kernel)
     assert without < 150, "by slopes, which know nothing of the inputs that are on their way"
 
 
-@pytest.mark.few("0.05-0.0-0.993-0.63", "0.02-0.1-0.931-0.23")
+@pytest.mark.few("0.05-0.0-0.993-0.63")
 @pytest.mark.parametrize(
     ("sample_time", "delay", "kept", "by_margin"),
     [

@@ -35,6 +35,7 @@ def leaning(nodes=61, scheme="upwind", push=0.2, lean=0.2, **options):
             hf.Inequality("right", X - lean * V - 1, "m"),
             hf.Inequality("speed", abs(V) - 1.8, "m"),
         ),
+        empirical="its sides lean over numbers",
     )  # fmt: skip
     grid = hf.grid(system, {"x": (-1.5, 1.5), "v": (-2, 2)}, nodes=nodes)
     return system, hf.discriminating_kernel(
@@ -179,7 +180,7 @@ def test_optimal_inputs_keep_a_kernel_with_a_ridge_and_leave_it_by_its_slopes_al
 def unstable_line(push=0.0):
     """x' = 2 x + u / 2 + push: V jumps, so that W is cut off a few cells above the edge."""
     return hf.System(
-        "line", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": 2 * X + U / 2 + push},
+        "line", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": 2 * X + U / 2 + push},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
 
@@ -187,7 +188,7 @@ def unstable_line(push=0.0):
 @cache
 def held_line(most=1.0):
     system = unstable_line()
-    walls = hf.Region("walls", system.states, (hf.Inequality("far", abs(X) - most, "m"),))
+    walls = hf.Region("walls", system.states, (hf.Inequality("far", abs(X) - most),))
     return hf.viability_kernel(system, walls, hf.grid(system, {"x": (-1.2, 1.2)}, 121), 20)
 
 
@@ -328,7 +329,7 @@ def test_at_every_node_some_held_input_keeps_its_value_whatever_the_disturbance(
 def test_input_is_within_its_bounds_where_v_is_flat():
     """Far outside the set V is cut off, and its slope is rounding."""
     line = hf.System(
-        "line", (hf.Quantity("x", "m"),), (hf.Quantity("u"),), {"x": 2 * X + U},
+        "line", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": 2 * X + U},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
     room = hf.Region(
@@ -401,7 +402,7 @@ def converter(nodes):
     i, v, m = (hf.symbol(n) for n in "ivm")
     of = sp.Rational
     system = hf.System(
-        "converter", (hf.Quantity("i", "A"), hf.Quantity("v", "V")), (hf.Quantity("m"),),
+        "converter", (hf.Quantity("i"), hf.Quantity("v")), (hf.Quantity("m"),),
         {
             "i": of(1, 3) - i / 60 - m * (i / 603 + 1000 * v / 15075),
             "v": -v / of("70.35") + m * 5 * i / of("70.35"),

@@ -20,7 +20,8 @@ def runs(disturbance, **settings):
 def test_disturbance_is_recorded_where_the_vehicle_is_with_the_numbers_of_its_run():
     size = hf.symbol("size")
     varied = Varied({"size": (0.1, 1.0)}, {}, {}, {"size": "m/s"})
-    data = runs({"Vx": size * sp.cos(Y + hf.TIME), "Vy": size * sp.sin(X)}, varied=varied)
+    field = {"Vx": size * sp.cos(1.0 * Y + hf.TIME), "Vy": size * sp.sin(1.0 * X)}
+    data = runs(field, varied=varied)
     size = data["varied"].values
     q, t = data["state"].values, data["time"].values
     assert np.ptp(size) > 0.5
@@ -42,9 +43,9 @@ def test_nothing_is_recorded_after_a_run_has_diverged():
     """x' = x^2 + d is infinite before t = 1 s, unless it begins below 0."""
     bursting = hf.System(
         name="bursting",
-        states=(hf.Quantity("x", "m"),),
-        inputs=(hf.Quantity("push", "m/s"),),
-        disturbances=(hf.Quantity("d", "m/s"),),
+        states=(hf.Quantity("x"),),
+        inputs=(hf.Quantity("push"),),
+        disturbances=(hf.Quantity("d"),),
         rates={"x": X**2 + hf.symbol("d") + hf.symbol("push")},
     )
     law = hf.Law("idle", bursting.states, {"push": sp.S.Zero})

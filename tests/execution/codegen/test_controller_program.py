@@ -14,12 +14,12 @@ from holdfast.maths.definitions.system import Measurement
 X, V, A, W, Z = map(hf.symbol, "xvawz")
 CART = hf.System(
     "cart",
-    states=(hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
-    inputs=(hf.Quantity("a", "m/s^2"),),
-    disturbances=(hf.Quantity("w", "m/s^2"), hf.Quantity("tide", "m/s^2")),
+    states=(hf.Quantity("x"), hf.Quantity("v")),
+    inputs=(hf.Quantity("a"),),
+    disturbances=(hf.Quantity("w"), hf.Quantity("tide")),
     rates={"x": V, "v": A + W + hf.symbol("tide")},
     input_bounds=hf.Box((-1,), (1,)),
-    measurements=(Measurement("range", "m", expression=2 * X),),
+    measurements=(Measurement("range", expression=2 * X),),
 )
 RANGE = CART.measurements[0]
 
@@ -34,10 +34,10 @@ def of_range():
 
 def remembering():
     memory = hf.Memory(
-        (hf.Quantity("z", "m"),), {"z": X}, {"z": Z + A}, reads=CART.states, inputs=CART.inputs
+        (hf.Quantity("z"),), {"z": X}, {"z": Z + A}, reads=CART.states, inputs=CART.inputs
     )
     modes = {
-        "near": law("near", {"a": -X - Z}, *CART.states, hf.Quantity("z", "m")),
+        "near": law("near", {"a": -X - Z}, *CART.states, hf.Quantity("z")),
         "far": law("far", {"a": -V}, *CART.states),
     }
     leaving = (hf.Transition("near", "far", X - 1), hf.Transition("far", "near", 0.5 - X))
@@ -76,9 +76,7 @@ def test_the_compiled_loop_and_c_see_the_same(made):
 
 MISFITS = {
     "gives b": law("other", {"b": X}, *CART.states),
-    "reads 'z', which is neither a state": law(
-        "odd", {"a": -Z}, *CART.states, hf.Quantity("z", "m")
-    ),
+    "reads 'z', which is neither a state": law("odd", {"a": -Z}, *CART.states, hf.Quantity("z")),
 }
 
 

@@ -13,7 +13,7 @@ X, Y, W = hf.symbol("x"), hf.symbol("y"), 0.4
 VORTEX = {"Vx": -W * Y, "Vy": W * X}
 EDDY = {
     "Vx": 0.1 * sp.sin(1.3 * Y) * sp.cos(0.2 * hf.TIME),
-    "Vy": 0.05 * sp.cos(X) + 0.02 * hf.symbol("current_limit"),
+    "Vy": 0.05 * sp.cos(1.0 * X) + 0.02 * hf.symbol("current_limit"),
 }
 
 
@@ -23,7 +23,7 @@ def drifter():
     u = hf.Quantity("push", "m/s")
     return hf.System(
         name="drifter",
-        states=(hf.Quantity("x", "m"), hf.Quantity("y", "m")),
+        states=(hf.Quantity("x"), hf.Quantity("y")),
         inputs=(u,),
         disturbances=(hf.Quantity("Vx", "m/s"), hf.Quantity("Vy", "m/s")),
         rates={"x": hf.symbol("Vx") + u.symbol, "y": hf.symbol("Vy")},

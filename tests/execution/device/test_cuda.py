@@ -14,10 +14,10 @@ from tests.devices import StandIn, has_gpu, needs_cpp
 
 X, U = hf.symbol("x"), hf.symbol("u")
 BOAT = hf.System(
-    "boat", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": X + U},
+    "boat", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": X + U},
     input_bounds=hf.Box((-0.5,), (0.5,)),
 )  # fmt: skip
-PIER = hf.Region("pier", BOAT.states, (hf.Inequality("pier", X**2 - 1, "m"),))
+PIER = hf.Region("pier", BOAT.states, (hf.Inequality("pier", X**2 - 1),))
 LINE = hf.grid(BOAT, {"x": (-1.5, 1.5)}, 61)
 
 

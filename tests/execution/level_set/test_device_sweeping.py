@@ -14,7 +14,7 @@ from tests.drift_on_axes import KINDS, hamiltonian
 
 pytestmark = needs_cpp
 X, Y, U, V, T = (*(hf.symbol(n) for n in ("x", "y", "u", "v")), hf.TIME)
-PLANE = (hf.Quantity("x", "m"), hf.Quantity("y", "m/s"))
+PLANE = (hf.Quantity("x"), hf.Quantity("y"))
 ROUNDING = {"float64": 1e-12, "float32": 1e-5}
 """Of values up to 4 m, after some 100 steps; where a march chooses between two equal slopes it may
 amplify a last place."""
@@ -23,14 +23,14 @@ amplify a last place."""
 def cart(drift=sp.S.Zero):
     """x' = y + a(t), y' = u + sin y, with a disturbance."""
     return hf.System(
-        "cart", PLANE, (hf.Quantity("u", "m/s^2"),), {"x": Y + drift, "y": U + V + sp.sin(Y) / 9},
-        disturbances=(hf.Quantity("v", "m/s^2"),), input_bounds=hf.Box((-1,), (1,)),
+        "cart", PLANE, (hf.Quantity("u"),), {"x": Y + drift, "y": U + V + sp.sin(Y) / 9},
+        disturbances=(hf.Quantity("v"),), input_bounds=hf.Box((-1,), (1,)),
         disturbance_bounds=hf.Box((-0.2,), (0.2,)),
     )  # fmt: skip
 
 
 def region(name, *expressions):
-    rows = tuple(hf.Inequality(f"c{i}", e, "m") for i, e in enumerate(expressions))
+    rows = tuple(hf.Inequality(f"c{i}", e) for i, e in enumerate(expressions))
     return hf.Region(name, PLANE, rows)
 
 
@@ -73,7 +73,7 @@ def test_every_problem_has_the_answer_of_the_processor(problem, system, about, o
 
 def test_half_of_a_symmetric_grid_suffices_there_too():
     still = hf.System(
-        "still", PLANE, (hf.Quantity("u", "m/s^2"),), {"x": Y, "y": U},
+        "still", PLANE, (hf.Quantity("u"),), {"x": Y, "y": U},
         input_bounds=hf.Box((-1,), (1,)),
     )  # fmt: skip
     here, there = both(hf.viability_kernel, still, WALLS, symmetry={"x": -1, "y": -1})

@@ -107,8 +107,8 @@ def test_blowing_up_is_an_outcome_with_its_time(double_integrator):
     x = hf.symbol("x")
     system = hf.System(
         "blow_up",
-        (hf.Quantity("x", "m"),),
-        (hf.Quantity("a", "m/s"),),
+        (hf.Quantity("x"),),
+        (hf.Quantity("a"),),
         {"x": x**2 + hf.symbol("a")},
     )
     law = hf.Law("none", system.states, {"a": sp.S.Zero})
@@ -122,7 +122,8 @@ def test_blowing_up_is_an_outcome_with_its_time(double_integrator):
 
 
 def test_a_law_that_is_not_a_number_is_an_outcome(double_integrator):
-    law = hf.Law("root", double_integrator.states, {"a": sp.sqrt(X - 1)})
+    push = {"a": sp.sqrt(X - 1)}
+    law = hf.Law("root", double_integrator.states, push, empirical="a root of a number")
     data = run(double_integrator, law, [0, 0])
     assert data["outcome"].values[0] == hf.Outcome.DIVERGED
 
@@ -139,7 +140,8 @@ HIDDEN = {
 
 @pytest.mark.parametrize("branch", HIDDEN)
 def test_no_branch_hides_what_is_not_a_number(double_integrator, branch):
-    laws = {n: hf.Law(n, double_integrator.states, {"a": e}) for n, e in HIDDEN.items()}
+    states, why = double_integrator.states, "roots of a number"
+    laws = {n: hf.Law(n, states, {"a": e}, empirical=why) for n, e in HIDDEN.items()}
     law = hf.Switching("hidden", laws, initial=branch)  # one program: where it begins is no text
     result = hf.simulate(double_integrator, law, starts=[[0, 0], [2, 0]], horizon=2.0)
     assert result.dataset["outcome"].values.tolist() == [hf.Outcome.DIVERGED, hf.Outcome.STAYED]
@@ -156,7 +158,8 @@ def test_a_constraint_that_is_not_a_number_is_an_outcome(double_integrator):
 
 def test_sampled_control_is_held_and_continuous_control_is_not(double_integrator):
     """Under a = -v held for T the speed falls by (1 - T) each sample, else by exp(-t)."""
-    law = hf.Law("brake", double_integrator.states, {"a": -V})
+    rate = hf.Parameter("rate", "1/s", value=1.0)
+    law = hf.Law("brake", double_integrator.states, {"a": -rate.symbol * V}, (rate,))
     settings = {"sample_time": 0.5, "substeps": 50, "record_every": 0.5}
     held = run(double_integrator, law, [0, 1], **settings)["state"].values[0, :, 1]
     assert held == pytest.approx(0.5 ** np.arange(5), rel=1e-12)
@@ -381,9 +384,9 @@ def test_a_kink_above_the_limit_is_found_like_a_peak():
 def test_names_of_states_do_not_change_what_is_found():
     """z' = 1 - 2 z from z = 0: z (1 - z) exceeds 0.2 when exp(-2 t) = sqrt(0.2)."""
     names = ("z", "qdot_0", "qdot0", "c_0")
-    states = tuple(hf.Quantity(name, "m") for name in names)
+    states = tuple(hf.Quantity(name) for name in names)
     rates = {name: 1 - 2 * hf.symbol(name) + hf.symbol("a") for name in names}
-    system = hf.System("s", states, (hf.Quantity("a", "m/s"),), rates)
+    system = hf.System("s", states, (hf.Quantity("a"),), rates)
     law = hf.Law("none", states, {"a": sp.S.Zero})
     expressions = {name: hf.symbol(name) * (1 - hf.symbol(name)) - 0.2 for name in names}
     region = hf.Region("r", states, tuple(hf.Inequality(n, e) for n, e in expressions.items()))
@@ -401,6 +404,7 @@ def test_a_run_that_left_and_then_diverged_keeps_when_and_why_it_left(wall, doub
         double_integrator.states,
         double_integrator.inputs,
         {"x": V, "v": 50 * X**3 + hf.symbol("a")},
+        empirical="it is to diverge",
     )
     law = hf.Law("none", system.states, {"a": sp.S.Zero})
     data = run(system, law, [0.9, 1.0], region=wall)

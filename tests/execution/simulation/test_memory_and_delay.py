@@ -11,12 +11,12 @@ from holdfast.errors import DefinitionError, SimulationError
 
 X, V, A, W, Z = (hf.symbol(n) for n in "xvawz")
 H, STEPS = 0.05, 80
-STATE = (hf.Quantity("x", "m"),)
+STATE = (hf.Quantity("x"),)
 FELT = hf.Quantity("w", "m/s")
 INPUT = hf.Quantity("a", "m/s")
 LIMIT = hf.Parameter("limit", "m/s", value=1.0, above=0)
 BAND = hf.Parameter("band", "1/s", value=3.0, above=0)
-TWO = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))
+TWO = (hf.Quantity("x"), hf.Quantity("v"))
 
 # -- memory
 

@@ -31,7 +31,7 @@ def pendulum():
     system = hf.System(
         "pendulum",
         (hf.Quantity("a", "rad", angle=True), hf.Quantity("w", "rad/s")),
-        (hf.Quantity("m", "N m"),),
+        (hf.Quantity("m"),),
         {"a": w, "w": -sp.sin(a) + hf.symbol("m") + hf.TIME / 10},
     )
     return system, hf.Law("damp", system.states, {"m": -0.3 * w * sp.cos(hf.TIME)})

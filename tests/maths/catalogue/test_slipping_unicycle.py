@@ -84,6 +84,7 @@ def under(scenario, law, slips):
         disturbances=(),
         disturbance_bounds=None,
         pfaffian=(),
+        empirical="the worst of constraints in several units",
     )
     return hf.simulate(
         real, law, starts=scenario.starts, region=region, seed=2, tolerance=1e-3,
@@ -91,7 +92,7 @@ def under(scenario, law, slips):
     )  # fmt: skip
 
 
-@pytest.mark.few("share_of_the_speed-53")
+@pytest.mark.heavy
 @pytest.mark.parametrize(("slips", "unaware"), [(worst_by_the_state, 25), (share_of_the_speed, 53)])
 def test_view_is_kept_under_slips_that_depend_on_the_state(slips, unaware):
     """60 starts at limits of the region; those that a filter keeps that knows of no slip."""

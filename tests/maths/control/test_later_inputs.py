@@ -108,8 +108,8 @@ def carried(effect, drift=0):
     z = hf.symbol("z")
     return hf.System(
         "carried",
-        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"), hf.Quantity("z", "1")),
-        (hf.Quantity("a", "m/s^2"), hf.Quantity("w", "m/s")),
+        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"), hf.Quantity("z")),
+        (hf.Quantity("a", "m/s^2"), hf.Quantity("w")),
         {"x": V + effect * W + drift, "v": ACC, "z": W},
         input_bounds=hf.Box((-2, -0.5), (2, 0.5)),
     ), z
@@ -190,8 +190,8 @@ def drawn(generator):
     size, brake = number(0.1, 1.0), number(1.5, 5.0)
     system = hf.System(
         "drawn",
-        (hf.Quantity("p", "m"), hf.Quantity("v", "m/s"), hf.Quantity("z", "1")),
-        (hf.Quantity("a", "m/s^2"), hf.Quantity("w", "m/s")),
+        (hf.Quantity("p"), hf.Quantity("v"), hf.Quantity("z")),
+        (hf.Quantity("a"), hf.Quantity("w")),
         {
             "p": v + effect * W + number(-0.2, 0.2) * sp.sin(p),
             "v": ACC - number(-0.2, 0.5) * v,

@@ -106,11 +106,11 @@ def test_a_law_that_remembers_already_is_refused(drifting):
 def varying(slope, name="b", value=1.0):
     """x' = slope d, with the slope an expression of x, u and a parameter."""
     x, u, d = (hf.symbol(n) for n in "xud")
-    b = hf.Parameter(name, "1", value=value)
+    b = hf.Parameter(name, value=value)
     return hf.System(
-        "varying", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),),
+        "varying", (hf.Quantity("x"),), (hf.Quantity("u"),),
         {"x": u + slope(x, u, b.symbol) * d}, parameters=(b,),
-        disturbances=(hf.Quantity("d", "m/s"),), disturbance_bounds=hf.Box((-9,), (9,)),
+        disturbances=(hf.Quantity("d"),), disturbance_bounds=hf.Box((-9,), (9,)),
     )  # fmt: skip
 
 
@@ -138,8 +138,8 @@ def test_varying_slope_has_the_bandwidth_of_the_origin_in_any_unit(unit):
     slope = unit * (1 + sp.cos(hf.symbol("x")) / 2)
     x, u, d = (hf.symbol(n) for n in "xud")
     system = hf.System(
-        "varying", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": u + slope * d},
-        disturbances=(hf.Quantity("d", "m/s"),), disturbance_bounds=hf.Box((-1 / unit,), (1 / unit,)),
+        "varying", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": u + slope * d},
+        disturbances=(hf.Quantity("d"),), disturbance_bounds=hf.Box((-1 / unit,), (1 / unit,)),
     )  # fmt: skip
     reads = (*system.states, *system.disturbances)
     law = hf.Law("told", reads, {"u": -x - slope * d}, signals={"d": unit * d})

@@ -34,7 +34,7 @@ def point(rates, *parameters, low=-5, high=5, disturbances=(), **more):
 
 
 def wall(expression=X - 1):
-    states = tuple(hf.Quantity(str(s), "m") for s in sorted(symbols_of([expression]), key=str))
+    states = tuple(hf.Quantity(str(s)) for s in sorted(symbols_of([expression]), key=str))
     return hf.Region("wall", states, (hf.Inequality("wall", expression, "m"),))
 
 
@@ -165,6 +165,7 @@ def test_parameter_that_multiplies_inputs_to_the_second_degree_has_three_conditi
         {"x": V, "v": F * m**2 + hf.symbol("a")},
         parameters=(mass(),),
         input_bounds=hf.Box((-5, -1), (5, 1)),
+        empirical="any power of the mass",
     )
     box = {"m": (1.5, 3.0)}
     assert len(rows(system, wall(), box)[0]) == 3
@@ -197,12 +198,13 @@ def test_conditions_of_one_are_as_many_as_the_page_says(rate, conditions):
         {"x": V, "v": rate(F, a, hf.symbol("m"))},
         parameters=(mass(),),
         input_bounds=hf.Box((-5, -1), (5, 1)),
+        empirical="any power of the mass",
     )
     assert len(rows(system, wall(), {"m": (1.5, 3.0)})[0]) == conditions
 
 
 def test_box_of_one_point_is_the_filter_without_a_box():
-    system = point(F / hf.symbol("m") - V, mass())
+    system = point(F / hf.symbol("m") - 1.0 * V, mass())
     given, parameters = rows(system, wall(), {"m": (2.0, 2.0)})
     plain, nominal = rows(system, wall(), None)
     moving = [q.symbol for q in (*system.states, *system.inputs)]
@@ -334,7 +336,7 @@ def test_box_that_is_none_is_refused_in_one_line(uncertain, says):
     ],
 )
 def test_condition_without_a_bound_is_refused_by_the_name_of_the_parameter(rates, says):
-    system = point(rates, mass())
+    system = point(rates, mass(), empirical="functions of a mass")
     with pytest.raises(DefinitionError, match=says):
         rows(system, wall(), {"m": (1.0, 4.0)})
 

@@ -245,7 +245,7 @@ def test_behind_an_observer_the_margin_allows_for_the_delay(room):
             observed()
 
 
-@pytest.mark.few("41")
+@pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("gap", [23, 41])
 def test_relay_predicts_over_a_gap_from_the_fallback_that_was_sent(room, gap):

@@ -370,7 +370,7 @@ def pushed(**more):
         (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"), hf.Quantity("y", "m")),
         (hf.Quantity("a", "m/s^2"), hf.Quantity("b", "m/s")),
         {"x": V + W, "v": A + W, "y": hf.symbol("b")},
-        disturbances=(hf.Quantity("w", "m/s"),),
+        disturbances=(hf.Quantity("w"),),
         **chosen,
     )
 

@@ -299,7 +299,7 @@ def like_a_drifting_unicycle(**rates):
         like_a_drifting_unicycle(x=U * sp.cos(PSI) + VX + VY),
         like_a_drifting_unicycle(y=U * sp.sin(2 * PSI) + VY),
         like_a_drifting_unicycle(psi=2 * R),
-        like_a_drifting_unicycle(psi=R + VX),
+        like_a_drifting_unicycle(psi=R + VX / 2),
         replace(
             hf.systems.drifting_unicycle(),
             name="still",
@@ -320,7 +320,7 @@ def test_other_systems_are_refused_with_what_is_expected(name, system):
     assert "as of 'drifting_unicycle' or 'marine_vehicle'" in said
 
 
-@pytest.mark.parametrize("turn", [R + U, R + 1, R + sp.sin(PSI)])
+@pytest.mark.parametrize("turn", [R + U / 2, R + 1, R + sp.sin(PSI)])
 def test_vehicle_that_turns_by_itself_is_refused(turn):
     with pytest.raises(DefinitionError, match="not made for system"):
         surge_and_turn("law", like_a_drifting_unicycle(psi=turn), None, None)

@@ -70,7 +70,7 @@ def test_estimate_does_not_wind_up_while_the_input_is_at_its_limit():
     strong = hf.add_unmodelled(
         hf.System(
             "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("u", "N"),),
-            {"x": hf.symbol("v"), "v": hf.symbol("u")}, input_bounds=hf.Box((-0.5,), (0.5,)),
+            {"x": hf.symbol("v"), "v": hf.symbol("u") / 1.0}, input_bounds=hf.Box((-0.5,), (0.5,)),
         ),
         ["u"], hf.Box((-2,), (2,)),
     )  # fmt: skip

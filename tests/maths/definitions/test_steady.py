@@ -12,8 +12,9 @@ v, w, a = (hf.symbol(n) for n in ("v", "w", "a"))
 
 
 def cart(rate, bounds, **more):
+    """A cart in multiples of a speed and of the time in which drag stops it."""
     return hf.System(
-        "cart", (hf.Quantity("v", "m/s"), hf.Quantity("w", "m/s")), (hf.Quantity("a", "N"),),
+        "cart", (hf.Quantity("v", "1"), hf.Quantity("w", "1")), (hf.Quantity("a", "1"),),
         {"v": rate, "w": -w}, input_bounds=bounds, **more,
     )  # fmt: skip
 

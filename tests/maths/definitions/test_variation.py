@@ -325,7 +325,7 @@ def test_varied_value_that_is_not_a_number_is_refused():
 
 
 def test_region_stays_the_same_in_every_run():
-    wall = hf.Region("wall", LINE.states, (hf.Inequality("wall", X - G * K),), LAW.parameters)
+    wall = hf.Region("wall", LINE.states, (hf.Inequality("wall", X - 2 * G * K),), LAW.parameters)
     for name, varied in (
         ("k", hf.Varied({"k": (1.0, 2.0)})),
         ("k", hf.Varied({"s": (1.0, 2.0)}, {"k": S})),
@@ -479,7 +479,7 @@ def test_disturbance_that_varies_in_time_is_checked_in_every_run():
 
 
 def test_law_that_reads_neither_state_nor_disturbance_is_refused():
-    z = hf.Quantity("z", "m")
+    z = hf.Quantity("z", "m/s")
     with pytest.raises(
         DefinitionError, match=r"reads 'z', which is neither a state nor a disturbance"
     ):

@@ -12,7 +12,7 @@ from holdfast.maths.expressions.traversal import canonical, parts
 from holdfast.maths.expressions.written import FUNCTIONS
 
 X, Y, U, W = (hf.symbol(n) for n in ("x", "y", "u", "w"))
-STATES = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+STATES = (hf.Quantity("x"), hf.Quantity("y"))
 
 EXPRESSIONS = {
     "Abs": sp.Abs(X - Y) * abs(Y),
@@ -84,7 +84,7 @@ def test_derivatives_of_all_that_a_definition_may_use_are_made_of_the_same():
 
 
 def plane(rates=None, **more):
-    inputs = (hf.Quantity("u", "m/s"), hf.Quantity("w", "m/s"))
+    inputs = (hf.Quantity("u"), hf.Quantity("w"))
     bounds = hf.Box((-1, -1), (1, 1))
     return hf.System("p", STATES, inputs, rates or {"x": U, "y": W}, input_bounds=bounds, **more)
 

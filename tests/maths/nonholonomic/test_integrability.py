@@ -13,10 +13,10 @@ from holdfast.maths.nonholonomic.structure import kinematic_system, structure
 
 X, Y, Z, PSI = (hf.symbol(n) for n in ("x", "y", "z", "psi"))
 STATES = (
-    hf.Quantity("x", "m"),
-    hf.Quantity("y", "m"),
+    hf.Quantity("x"),
+    hf.Quantity("y"),
     hf.Quantity("psi", "rad", angle=True),
-    hf.Quantity("z", "m"),
+    hf.Quantity("z"),
 )
 SYMBOLS = (X, Y, PSI, Z)
 NO_SLIP = {X: -sp.sin(PSI), Y: sp.cos(PSI)}

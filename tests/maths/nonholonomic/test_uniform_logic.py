@@ -246,7 +246,7 @@ def test_dimension_at_the_origin_may_take_longer_brackets():
 
 
 def test_zero_column_in_disguise_is_a_zero_column():
-    disguise = sp.sin(PSI) ** 2 + sp.cos(PSI) ** 2 - 1
+    disguise = 2 * sp.sin(PSI) ** 2 + 2 * sp.cos(PSI) ** 2 - 2
     row = hf.PfaffianRow({**NO_SLIP.coefficients, "psi": disguise})
     assert names(structure(rows_only(POSE, row)).transverse) == ["psi"]
 

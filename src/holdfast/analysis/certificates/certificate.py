@@ -338,19 +338,17 @@ def _rows(entries: Wholes) -> bytes:
 
 
 def limits_written(constraints: Iterable[tuple[str, str, sp.Expr]]) -> list[dict[str, str]]:
-    return [{"name": n, "unit": u, "expression": plain_text(e)} for n, u, e in constraints]
+    return [{"name": n, "unit": str(u), "expression": plain_text(e)} for n, u, e in constraints]
 
 
 def named(quantities: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
-    return [{"name": n, "unit": u} for n, u in quantities]
+    return [{"name": n, "unit": str(u)} for n, u in quantities]  # plain, as of a file
 
 
 def ranged(
     quantities: Sequence[tuple[str, str]], ranges: Mapping[str, Range]
 ) -> list[dict[str, Any]]:
-    return [
-        {"name": n, "unit": u, "range": [float(v).hex() for v in ranges[n]]} for n, u in quantities
-    ]
+    return [{**q, "range": [float(v).hex() for v in ranges[q["name"]]]} for q in named(quantities)]
 
 
 NONE = -1

@@ -24,22 +24,24 @@ import sympy as sp
 from holdfast.analysis.decomposition.parts_value import ROUNDING, PartsValue, SolvedPart
 from holdfast.analysis.reachability.grid import by_name, number, whole
 from holdfast.analysis.reachability.problem import with_disturbance
+from holdfast.analysis.safety.promise import (
+    CONFIRMED,
+    EVERY,
+    FELL_SHORT,
+    FROM_INSIDE,
+    confirmation,
+    shortfall,
+)
 from holdfast.analysis.safety.safety_filter import decided, kept_law, possible_margin
 from holdfast.analysis.safety.sampled_value import patience_of, sampled_value
 from holdfast.analysis.safety.validation import (
-    CONFIRMED,
     CONSTANT,
-    EVERY,
     FALLS,
-    FELL_SHORT,
-    FROM_INSIDE,
     INSIDE,
     SWINGING,
     SWITCHING,
     at_rest,
-    confirmation,
     schedules,
-    shortfall,
 )
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.analysis.simulation.simulate import simulate

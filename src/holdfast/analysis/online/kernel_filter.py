@@ -21,8 +21,9 @@ from holdfast.analysis.decomposition.parts_law import (
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.problem import definition
 from holdfast.analysis.reachability.value_function import Tried, ValueFunction
+from holdfast.analysis.safety.promise import FELL_SHORT, UNCONFIRMED
 from holdfast.analysis.safety.safety_filter import kept_law
-from holdfast.analysis.safety.validation import FELL_SHORT, UNCONFIRMED, default_promise
+from holdfast.analysis.safety.validation import default_promise
 from holdfast.errors import (
     ArgumentError,
     DefinitionError,

@@ -210,18 +210,20 @@ def _axis(
             f"the interval of '{q.name}' is {interval!r}",
             expected=f'two numbers, (low, high), or texts with a unit such as "1 {q.unit}"',
         )
+    sides = zip(interval, (low, high), strict=True)
+    shown = f"[{', '.join(v if isinstance(v, str) else f'{n:g}' for v, n in sides)}]"
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise SimulationError(
-            f"the interval of '{q.name}' is [{low:g}, {high:g}]", expected="low < high"
-        )
+        raise SimulationError(f"the interval of '{q.name}' is {shown}", expected="low < high")
     once = q.angle and math.isclose(high - low, TURN, rel_tol=1e-9)
     if q.angle and high - low > TURN * (1 + 1e-9):
         raise SimulationError(
-            f"the interval of the angle '{q.name}' is {high - low:g} rad", expected="at most 2 pi"
+            f"the interval of the angle '{q.name}', {shown}, is {high - low:g} rad",
+            expected="at most 2 pi",
         )
     if q.angle and not once and ends is None:
         raise SimulationError(
-            f"the interval of the angle '{q.name}' is {high - low:g} rad, not a whole turn",
+            f"the interval of the angle '{q.name}', {shown}, is {high - low:g} rad, not a whole "
+            "turn",
             expected="2 pi",
             remedy='or give a boundary condition: ends = {"' + q.name + '": "contained"}',
         )
@@ -229,9 +231,7 @@ def _axis(
     if not isinstance(ends, str) or ends not in ENDS:
         raise SimulationError(f"ends of '{q.name}': '{ends}'", remedy=suggestion(str(ends), ENDS))
     if ends == "periodic" and not once:
-        raise SimulationError(
-            f"'{q.name}' is periodic over [{low:g}, {high:g}]", expected="an angle over 2 pi"
-        )
+        raise SimulationError(f"'{q.name}' is periodic over {shown}", expected="an angle over 2 pi")
     return Axis(q, low, high, count, ends)
 
 

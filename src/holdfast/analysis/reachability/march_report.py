@@ -32,7 +32,9 @@ class Report:
 
     filtered_share: how many nodes the second of two marches took from a set that is to be kept, or
     added to one that is to be reached, as a share of them; None where there was one march
-    (`one_march.py`).
+    (`one_march.py`). disputed_share: of a set that is to be reached against a disturbance, the
+    share of its nodes that are disputed (`one_march.disputed`); None where no scheme of high order
+    went beside.
 
     The following are None, or empty, unless requested. error_order, error_largest, error_rms,
     error_cells, volume_coarse: see `solve.with_error`. error_reach: cells by which the
@@ -79,6 +81,7 @@ class Report:
     disturbance: Mapping[str, float | str] = field(default_factory=dict)
     definition: str = ""
     filtered_share: float | None = None
+    disputed_share: float | None = None
     error_order: float | None = None
     error_largest: float | None = None
     error_rms: float | None = None

@@ -26,6 +26,14 @@ It has the accuracy of high order where the two sets are that close. On fine gri
 of a set that is to be kept has come to rest, the filtered march goes on from it, until it rests as
 well. Elsewhere it goes the same way as the other from the start on.
 
+Against an opponent F is not safe to that side. Where each player moves axes of his own, as in a
+game of a pursuer at k and an evader at x, what one does and the other undoes is a way along a
+diagonal of the grid, and every monotone step along its axes spreads a value across it: with a speed
+s by sqrt(s h T) in a time T. A valley of V that the opponent holds, such as |x - k|, is filled up,
+and lost states seem won, all of them where the valley is narrower than that. V is not spread so.
+What is farther in the answer than from the set of V is therefore disputed, and is said to be
+(`disputed`): V may stand still, or F be spread.
+
 A set that is to be reached without an opponent has no ridge at which H is wrong: H is convex. It is
 marched once, but for a basin that depends on time: what it is kept within makes it a kernel.
 
@@ -38,14 +46,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, Protocol, Self, Unpack
 
 import numpy as np
 import sympy as sp
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter
 
 from holdfast._version import __version__
 from holdfast.analysis.reachability.checkpoint import Checkpoint, Resumable
@@ -71,10 +80,11 @@ from holdfast.analysis.reachability.problem import (
 )
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.arguments import checked
-from holdfast.errors import SimulationError
+from holdfast.errors import DisputedSetWarning, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import Done, March, Method, OverGrid
 from holdfast.execution.level_set.refined_march import RefinedMarch
+from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.slab import Part
 from holdfast.execution.level_set.sweeping import Within
 from holdfast.execution.resources import Memory, Room, check_memory
@@ -357,8 +367,9 @@ def march_memory(
     what is of first order with local-local) what the first gave: one, or one for each of the times,
     and 8 bytes a node for least times. With `refine` the nodes are those of the finer grid; of the
     stages of the method only the blocks that are marched take memory, so that this is then the most
-    that it can be. The compiled march and its libraries take some 300 MB more, independent of the
-    grid.
+    that it can be. An answer of first order that is opposed remains while another march says what
+    of it is disputed. The compiled march and its libraries take some 300 MB more, independent
+    of the grid.
 
     Raises `SimulationError` for invalid options.
 
@@ -370,18 +381,20 @@ def march_memory(
     marching = marching_of(options)
     held = not marching.first_order and (opposed or moving or not capture)
     beside = marching.smeared or held
-    return _bytes(grid, marching, capture or moving, count, wanted, beside)
+    compared = marching.first_order and opposed
+    return _bytes(grid, marching, capture or moving, count, wanted, beside, compared)
 
 
 def memory_of(posed: Posed) -> int:
     """The same for a complete problem."""
-    return _bytes_of(posed, beside=posed.marched_twice)
+    return _bytes_of(posed, beside=posed.marched_twice, compared=posed.compared)
 
 
-def _bytes_of(posed: Posed, *, beside: bool) -> int:
+def _bytes_of(posed: Posed, *, beside: bool, compared: bool) -> int:
     obstacles = posed.problem.limit == "free" or posed.varies
     times = len(posed.asked) if posed.several else 0
-    return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps), beside)
+    arrivals = bool(posed.arrival_steps)
+    return _bytes(posed.grid, posed.marching, obstacles, times, arrivals, beside, compared)
 
 
 def part_memory(posed: Posed, part: Part) -> int:
@@ -391,7 +404,7 @@ def part_memory(posed: Posed, part: Part) -> int:
     planes = part.planes.own_nodes
     halo = (len(part.nodes) - (planes.stop - planes.start)) * posed.grid.nodes // part.of.nodes
     edges = 2 * halo * np.dtype(posed.marching.precision).itemsize
-    return _bytes_of(posed, beside=False) * len(part.nodes) // part.of.nodes + edges
+    return _bytes_of(posed, beside=False, compared=False) * len(part.nodes) // part.of.nodes + edges
 
 
 def check_fits(posed: Posed) -> None:
@@ -429,7 +442,13 @@ def answer_bytes(posed: Posed) -> int:
 
 
 def _bytes(
-    grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals: bool, beside: bool
+    grid: Grid,
+    marching: Marching,
+    obstacles: bool,
+    times: int,
+    arrivals: bool,
+    beside: bool,
+    compared: bool,
 ) -> int:
     arrays = 1 + max(marching.method.stages - 1, 1) + 2 * obstacles + 2 * arrivals
     if marching.check_outside:
@@ -441,7 +460,11 @@ def _bytes(
     nodes = grid.nodes
     if marching.refine > 1:
         nodes += finer(grid, marching.refine).nodes
-    return nodes * (size * arrays + 8 * arrivals * (1 + beside) + marching.check_outside)
+    needed = nodes * (size * arrays + 8 * arrivals * (1 + beside) + marching.check_outside)
+    if not compared:
+        return needed
+    answer = grid.nodes * (size * max(times, 1) + 8 * arrivals)
+    return max(needed, answer + _bytes(grid, marching.sharp, obstacles, 0, False, False, False))
 
 
 LOSSES = 3
@@ -553,12 +576,76 @@ def _half(progress: Progress | None, which: int) -> Progress | None:
     return None if progress is None else lambda share: progress(0.5 * (which + share))
 
 
+def answered(
+    posed: Posed,
+    h: Hamiltonian,
+    progress: Progress | None,
+    begin: Array | None,
+    until: Until | None,
+) -> ValueFunction:
+    """As `marched_to_rest`, with a warning where a part of the set is disputed.
+
+    begin: shape (nodes,), or that of the grid.
+    """
+    value = marched_to_rest(posed, h, progress, begin, until)
+    if posed.compared and not value.report.ended_early:
+        value = _compared(value, posed, h)
+    if share := value.report.disputed_share:
+        warnings.warn(
+            f"{100 * share:.2g} % of the {value.report.kind.replace('-', ' ')} are disputed: there "
+            "a scheme of first order wins against the disturbance, and one of high order does not. "
+            "The first may win what is lost, the other may miss what is won. Let differences be "
+            "states where two players move something apart, take a finer grid, or try the set in "
+            "closed loop (check_promise)",
+            DisputedSetWarning,
+            stacklevel=5,
+        )
+    return value
+
+
+def _compared(value: ValueFunction, posed: Posed, h: Hamiltonian) -> ValueFunction:
+    """The answer of a scheme of first order, with the share of it that is disputed."""
+    aside = posed.aside("sharp")
+    aside = replace(aside, marching=aside.marching.sharp)
+    if min(a.count for a in posed.grid.axes) <= 2 * schemes()[aside.marching.scheme].ghosts:
+        return value  # a grid of too few nodes
+    sharp = marched(aside, h)
+    values = value.values()
+    answers = ((planes, values[planes]) for planes in _some_planes(values))
+    count = disputed(sharp.values(), answers, value.grid)
+    return value.reported(disputed_share=count / max(int((values > 0).sum()), 1))
+
+
+def disputed(sharp: Array, answers: Iterable[tuple[slice, Array]], grid: Grid) -> int:
+    """How many nodes of an answer are farther than two rims from the set of a sharp march.
+
+    So many steps along the axes: a valley along a diagonal of the grid is narrow across corners.
+    answers: the values by planes. sharp: shape (nodes of the first axis, nodes of the second, ...).
+    """
+    far = 2 * rim_of(grid)
+
+    def near_set(values: Array, *, size: int, mode: list[str]) -> Array:
+        ghosts = [size // 2 * (m == "wrap") for m in mode]
+        padded = np.pad(values > 0, [(g, g) for g in ghosts], mode="wrap")
+        near: Array = binary_dilation(padded, iterations=size // 2)
+        return near[tuple(slice(g, n - g) for g, n in zip(ghosts, near.shape, strict=True))]
+
+    return sum(
+        int(((answer > 0) & ~_around(sharp, planes, grid, near_set, far)).sum())
+        for planes, answer in answers
+    )
+
+
 def _of_both(first: ValueFunction, second: ValueFunction, posed: Posed) -> ValueFunction:
     """The answer of two marches: the values of the first are changed in place, plane by plane, so
     that they may be larger than the memory."""
     report, grid = first.report, second.grid
     tables = [v.dataset["value"].values for v in (first, second)]
     several, lesser = "time" in first.dataset["value"].dims, posed.marching.first_order
+    apart = None
+    if posed.opposed and not lesser:
+        sharp, filtered = (table[-1] for table in tables) if several else tables
+        apart = disputed(sharp, _held(sharp, filtered, grid, posed), grid)
     before = after = moved = 0
     for values, other in zip(*tables, strict=True) if several else [tables]:
         before = after = moved = 0  # the last are those of the horizon
@@ -580,6 +667,7 @@ def _of_both(first: ValueFunction, second: ValueFunction, posed: Posed) -> Value
         converged=any(rests) if is_kernel and after == 0 else all(rests),
         empty=after == 0,
         filtered_share=moved / max(before, after, 1),
+        disputed_share=None if apart is None else apart / max(after, 1),
         reached_s=reached,
         wall_time_s=report.wall_time_s + second.report.wall_time_s,
     )
@@ -595,13 +683,14 @@ def _held(
 ) -> Iterator[tuple[slice, Array]]:
     """The value of the first where its set is within the rim of the filtered one."""
     sides = posed.held
+    rim = rim_of(grid)
     for planes in _some_planes(values):
         v = values[planes]
         if sides.above:
-            highest = _around(filtered, planes, grid, maximum_filter)
+            highest = _around(filtered, planes, grid, maximum_filter, rim)
             v = np.where(highest > 0, v, np.minimum(v, highest))
         if sides.below:
-            lowest = _around(filtered, planes, grid, minimum_filter)
+            lowest = _around(filtered, planes, grid, minimum_filter, rim)
             v = np.where(lowest > 0, np.maximum(v, lowest), v)
         yield planes, v
 
@@ -614,7 +703,7 @@ def _no_later(times: Array, filtered: Array, grid: Grid) -> None:
         return latest
 
     for planes in _some_planes(times):
-        latest = _around(filtered, planes, grid, latest_of)
+        latest = _around(filtered, planes, grid, latest_of, rim_of(grid))
         sharp = times[planes]
         times[planes] = np.where(latest < math.inf, np.fmin(sharp, latest), sharp)
 
@@ -632,9 +721,11 @@ def _some_planes(values: Array) -> Iterator[slice]:
     return (slice(k, min(k + step, count)) for k in range(0, count, step))
 
 
-def _around(values: Array, planes: slice, grid: Grid, extreme: Callable[..., Array]) -> Array:
-    """Of these planes the largest or the least value within the rim."""
-    rim, count = rim_of(grid), len(values)
+def _around(
+    values: Array, planes: slice, grid: Grid, extreme: Callable[..., Array], rim: int
+) -> Array:
+    """Of these planes the largest or the least value within a rim of so many cells."""
+    count = len(values)
     modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in grid.axes]
     near = np.arange(planes.start - rim, planes.stop + rim)
     near = near % count if modes[0] == "wrap" else np.clip(near, 0, count - 1)

@@ -185,6 +185,12 @@ class Marching:
         Hamiltonian that `is_sharp` (`maths/games/hamiltonian.py`)."""
         return self.first_order and self.method.order == 1 and not self.smeared
 
+    @property
+    def sharp(self) -> Marching:
+        """The march of high order that one of first order is compared with."""
+        alone = replace(self, estimate_error=False, check_outside=False)
+        return replace(alone, scheme=SHARP, order=None, dissipation="local-local")
+
     def aside(self, name: str, kind: str) -> Marching:
         """For a further march that tells what the first is worth; its checkpoint is named so."""
         path = self.checkpoint
@@ -196,6 +202,10 @@ class Marching:
     def checkpoint_file(self, kind: str) -> Path:
         path = Path(self.checkpoint or ".")
         return path / f"{kind}.checkpoint" if path.is_dir() else path
+
+
+SHARP = "eno2"
+"""The scheme of high order with the shortest reach, for grids of few nodes."""
 
 
 class MarchOptions(TypedDict, total=False):
@@ -377,16 +387,27 @@ class Posed:
         return any(r.has(TIME) for r in rates) or any(r.moves for r in self.problem.regions)
 
     @property
+    def opposed(self) -> bool:
+        """Whether its set is to be reached against a disturbance."""
+        problem = self.problem
+        against = problem.disturbances == "min" and bool(self.system.disturbances)
+        return against and problem.limit != "shrink"
+
+    @property
     def held(self) -> Held:
         """The sides on which its set is held to that of a filtered march."""
-        limit = self.problem.limit
+        limit, opposed = self.problem.limit, self.opposed
         if self.marching.first_order:
             return Held()
-        opposed = self.problem.disturbances == "min" and bool(self.system.disturbances)
         if limit == "shrink":
             return Held(above=True)
         both = (opposed and limit == "exact") or (self.varies and (opposed or limit == "free"))
         return Held(above=both, below=both or opposed)
+
+    @property
+    def compared(self) -> bool:
+        """Whether a march of high order is to say which part of its set is disputed."""
+        return self.opposed and self.marching.first_order
 
     @property
     def marched_twice(self) -> bool:
@@ -554,9 +575,9 @@ def check_inside(posed: Posed, reached: Ends) -> None:
                         f"region '{region.name}' has no end along '{axis.name}', and no grid "
                         "contains it",
                         expected="a region that ends within the grid",
-                        remedy=f"add the constraint {within} <= 0 (of region "
-                        f"'camera_view': along_wall), or give ends = {{\"{axis.name}\": "
-                        '"extrapolated"} and accept extrapolated values',
+                        remedy=f"add the constraint {within} <= 0 to region '{region.name}', or "
+                        f'give ends = {{"{axis.name}": "extrapolated"}} and accept extrapolated '
+                        "values",
                     )
                 wide = _end_of_region(posed, i, where)
                 far = "widen it" if wide is None else f"widen it to {axis.name} = {wide:.6g}"

@@ -20,7 +20,13 @@ import sympy as sp
 
 from holdfast.analysis.reachability.grid import Axis, Grid, by_name
 from holdfast.analysis.reachability.march_report import Report
-from holdfast.analysis.reachability.one_march import Progress, Until, marched, marched_to_rest
+from holdfast.analysis.reachability.one_march import (
+    Progress,
+    Until,
+    answered,
+    marched,
+    marched_to_rest,
+)
 from holdfast.analysis.reachability.posed_march import check_refined, hamiltonian_of
 from holdfast.analysis.reachability.problem import (
     MarchOptions,
@@ -269,9 +275,10 @@ def solve(
     further = coarser(posed, grids)  # refused before the march, if it cannot be
     h = hamiltonian_of(posed)
     start = _begun(posed, h, begin, until)
-    value = marched_to_rest(posed, h, progress, start, until)
+    keeps = problem.limit == "shrink"
+    value = answered(posed, h, progress, start, until)
     if further:
-        sharp = problem.limit == "shrink" and not marching.first_order
+        sharp = keeps and not marching.first_order
         march = marched if sharp else marched_to_rest
         rougher = [march(other, h) for other in further]
         value = with_error_in_cells(with_error(value, rougher), rougher[0])
@@ -279,14 +286,8 @@ def solve(
         value = with_outside(value, posed, lambda other: marched_to_rest(other, h))
     if progress is not None:
         progress(1.0)  # a march that comes to rest has not gone the whole way
-    value = value.reported(definition=definition(system))
-    return replace(value, claim=_claim(problem))
-
-
-def _claim(problem: Problem) -> Claim:
-    if problem.limit == "shrink":
-        return Claim(problem.start)
-    return Claim(problem.above, problem.start)
+    claim = Claim(problem.start) if keeps else Claim(problem.above, problem.start)
+    return replace(value.reported(definition=definition(system)), claim=claim)
 
 
 def _begun(

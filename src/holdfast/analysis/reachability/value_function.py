@@ -306,7 +306,7 @@ def with_error_in_cells(value: ValueFunction, coarse: ValueFunction) -> ValueFun
 
     jumps: whether V jumps on a part of the boundary. error_reach: the error in whole cells, at
     least 1, by which `inner` erodes the set; 0 says that it is not known: `MOST_CELLS` are not
-    enough.
+    enough, or a part of the set is disputed.
     boundary_error: the same along every axis, in its unit. error_cells is `error_reach` where V
     jumps: there the difference of two values says nothing about places.
     """
@@ -317,7 +317,8 @@ def with_error_in_cells(value: ValueFunction, coarse: ValueFunction) -> ValueFun
     if jumps:
         order = ORDERS[value.report.scheme]
         apart = apart / (2.0 ** (order / (order + 1)) - 1.0) + 1.0
-    reach = max(1, math.ceil(apart)) if apart <= MOST_CELLS else 0
+    near = apart <= MOST_CELLS and not value.report.disputed_share  # both may be spread alike
+    reach = max(1, math.ceil(apart)) if near else 0
     lengths = {a.name: reach * a.step for a in value.grid.axes} if reach else {}
     if jumps:
         value = value.reported(error_cells=float(reach) if reach else None)
@@ -406,7 +407,9 @@ def inner(value: ValueFunction) -> ValueFunction:
         )
     if not cells:
         raise SimulationError(
-            f"the estimated error of the set exceeds {MOST_CELLS} cells",
+            f"the estimated error of the set exceeds {MOST_CELLS} cells"
+            if not value.report.disputed_share
+            else "an inner set of one that is disputed",
             remedy="take a finer grid",
         )
     data = value.dataset["value"]

@@ -22,7 +22,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -32,6 +31,7 @@ from holdfast.analysis.reachability.grid import whole
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.depth import Outer, inside_states, outer_states, outside_states
+from holdfast.analysis.safety.promise import Beaten, Layer, Promise, Trials
 from holdfast.analysis.safety.safety_filter import (
     REACHED,
     check_not_empty,
@@ -61,243 +61,6 @@ from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.functions import clip
 from holdfast.maths.games.hamiltonian import without_closed_form
 
-LISTED = 20
-"""Most beaten starts listed in a summary."""
-
-CONFIRMED, FROM_INSIDE = "confirmed", "confirmed from inside"
-UNCONFIRMED, FELL_SHORT = "not confirmed", "fell short"
-
-
-EVERY = "every start is kept"
-
-
-def shortfall(rate: Rate, depth: str, aim: str = "stay") -> str:
-    """That not all starts are kept, as a sentence."""
-    return f"the promise falls short: {rate.count} of {rate.total} starts {depth} inside {aim}"
-
-
-def confirmation(share: float, claim: str, whence: str, edge: Rate | None, missed: str = "") -> str:
-    """On which share of the set starts are kept, as a sentence.
-
-    whence: how far inside they begin, where not all are kept that are nearer to the edge; edge: how
-    many of these are, None where none was tried; missed: what follows on those that are lost.
-    """
-    where = f"from {whence} inside on, " if whence else "on "
-    sentence = f"confirmed {where}{100 * share:.3g} % of the set: {claim}"
-    if not whence or edge is None:
-        return sentence
-    lost = edge.total - edge.count
-    return f"{sentence}; of {edge.total} starts nearer to the edge {lost} are lost{missed}"
-
-
-@dataclass(frozen=True)
-class Trials:
-    """Starts against one kind of disturbance: `kept` stayed in the region, or, of a basin, reached
-    the goal through it, and never left the grid on the way. off_grid: the number that left the
-    grid, where V is unknown, before the region. excursion: the largest max_j c_j / s_j of any run
-    (NaN for a basin, whose runs continue beyond the goal)."""
-
-    what: str
-    kept: Rate
-    off_grid: int
-    excursion: float
-    relaxed: int
-
-    def summary(self) -> dict[str, Any]:
-        """The content of summary.json."""
-        worst = self.excursion if math.isfinite(self.excursion) else None
-        more = {"left_grid": self.off_grid, "worst_constraint": worst, "runs_relaxed": self.relaxed}
-        return {"against": self.what, "runs": self.kept.total, **self.kept.summary(), **more}
-
-
-@dataclass(frozen=True)
-class Beaten:
-    """A lost start: its state, the first disturbance that beat it, its outcome and time."""
-
-    start: tuple[float, ...]
-    by: str
-    outcome: str
-    time: float
-
-
-@dataclass(frozen=True)
-class Layer:
-    """States of the set nearer to its edge than the starts `inside`, and what of them is kept.
-
-    where: the depth in words; down_to: the depth at which the layer ends. share: of the volume of
-    the set. missed: by how much the worst of the lost starts leaves the region, or misses the goal,
-    in the unit of V. allowed: how much a held input may lose there; a layer that misses more
-    refutes the set. None within a cell of the edge, which a grid does not know better.
-    """
-
-    where: str
-    down_to: str
-    share: float
-    trials: Trials
-    missed: float = 0.0
-    allowed: float | None = None
-
-    @property
-    def lost(self) -> int:
-        """The number of starts that are lost."""
-        return self.trials.kept.total - self.trials.kept.count
-
-    @property
-    def refutes(self) -> bool:
-        """Whether more is lost than an input that is held may lose."""
-        return self.lost > 0 and self.allowed is not None and not self.missed <= self.allowed
-
-    def summary(self) -> dict[str, Any]:
-        """The content of summary.json."""
-        missed = self.missed if math.isfinite(self.missed) else None
-        more = {"share_of_set": self.share, "missed_by": missed, "allowed": self.allowed}
-        return {"where": self.where, **more, **self.trials.summary()}
-
-
-@dataclass(frozen=True)
-class Promise:
-    """Closed loops from random states inside the set, and from states of K outside it.
-
-    margin: V of the states inside is above it, and of those outside below -margin. None: one cell
-    along any axis from the states inside V is above `held_loss`, the most that it can fall while
-    an input is held (0 if no state is as far inside), and from those outside it is below 0.
-    share: the share of the set that is as far inside. inside: against all disturbances together,
-    then against each kind; a single entry for a system without disturbances. layers: the rest of
-    the set, from the inside out to its edge. outside: against the gradient of the value, None if K
-    has no such state. beaten: the lost starts inside. doubt: the reason why the runs cannot confirm
-    the set, even if all of them are kept.
-    """
-
-    law: str
-    margin: float | None
-    unit: str
-    horizon: float
-    sample_time: float
-    inside: tuple[Trials, ...]
-    outside: Trials | None
-    aim: str = "stay"
-    beaten: tuple[Beaten, ...] = ()
-    doubt: str = ""
-    held_loss: float = 0.0
-    share: float = 1.0
-    layers: tuple[Layer, ...] = ()
-
-    @property
-    def held(self) -> bool:
-        """Whether every run from inside stayed, and no start refutes the set."""
-        return all(t.kept.count == t.kept.total for t in self.inside) and self._refuting is None
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether every run stayed, up to the edge, and the set depends on no extrapolation."""
-        return self.outcome == CONFIRMED
-
-    @property
-    def outcome(self) -> str:
-        """One of CONFIRMED, FROM_INSIDE, UNCONFIRMED, FELL_SHORT."""
-        if not self.held:
-            return FELL_SHORT
-        if self.doubt:
-            return UNCONFIRMED
-        return FROM_INSIDE if any(b.lost for b in self.layers) else CONFIRMED
-
-    @property
-    def tried_share(self) -> float:
-        """The share of the set that was tried, by volume."""
-        return min(1.0, self.share + sum(b.share for b in self.layers))
-
-    @property
-    def kept_share(self) -> float:
-        """The share of the set from the inside out to the first layer that loses a start."""
-        in_layers = sum(b.share for b in self._kept_layers)
-        return min(1.0, self.share + in_layers) if self.held else 0.0
-
-    @property
-    def _kept_layers(self) -> tuple[Layer, ...]:
-        return tuple(takewhile(lambda b: not b.lost, self.layers))
-
-    @property
-    def _refuting(self) -> Layer | None:
-        return next((b for b in self.layers if b.refutes), None)
-
-    @property
-    def depth(self) -> str:
-        """The depth of the starts inside the set."""
-        if self.margin is not None:
-            return self._amount(self.margin)
-        return "a cell" + (f" and {self._amount(self.held_loss)}" if self.held_loss else "")
-
-    def _amount(self, value: float) -> str:
-        """A difference of V with its unit."""
-        return f"{value:.3g}" + ("" if self.unit == "1" else f" {self.unit}")
-
-    def _beyond(self, missed: float) -> str:
-        """How far lost starts come."""
-        return f"by up to {self._amount(missed)}" if math.isfinite(missed) else "some off the grid"
-
-    @property
-    def depth_outside(self) -> str:
-        """The depth of the other starts outside the set."""
-        return "a cell" if self.margin is None else self.depth
-
-    @property
-    def verdict(self) -> str:
-        """The shortfall of the promise as a sentence, or an empty text."""
-        total = self.inside[0]
-        if total.kept.count < total.kept.total:
-            off = f", {total.off_grid} left the grid" if total.off_grid else ""
-            return f"{shortfall(total.kept, self.depth, self.aim)}{off}"
-        if (layer := self._refuting) is not None:
-            assert layer.allowed is not None
-            return (
-                f"the promise falls short: {layer.lost} of {layer.trials.kept.total} starts "
-                f"{layer.where} are lost, {self._beyond(layer.missed)}, where an input "
-                f"held for {1000 * self.sample_time:g} ms may lose {self._amount(layer.allowed)}"
-            )
-        return f"the promise is not confirmed: {self.doubt}" if self.doubt else ""
-
-    @property
-    def conclusion(self) -> str:
-        """What the runs come to, as a sentence."""
-        if self.verdict:
-            return self.verdict
-        claim = f"{EVERY}{' against every disturbance tried' * (len(self.inside) > 1)}"
-        rest = self.layers[len(self._kept_layers) :]
-        if not rest:
-            return confirmation(self.tried_share, claim, "", None)
-        whence = [self.depth, *(b.down_to for b in self._kept_layers)][-1]
-        rates = [b.trials.kept for b in rest]
-        edge = Rate(sum(r.count for r in rates), sum(r.total for r in rates))
-        missed = self._beyond(max(b.missed for b in rest))
-        return confirmation(self.kept_share, claim, whence, edge, f", {missed}")
-
-    def summary(self) -> dict[str, Any]:
-        """The content of summary.json."""
-        return {
-            "law": self.law,
-            "margin": "one cell" if self.margin is None else self.margin,
-            "held_loss": self.held_loss,
-            "share_of_set": self.share,
-            "share_tried": self.tried_share,
-            "share_kept": self.kept_share,
-            "unit": self.unit,
-            "horizon_s": self.horizon,
-            "sample_time_s": self.sample_time,
-            "held": self.held,
-            "confirmed": self.confirmed,
-            "outcome": self.outcome,
-            "conclusion": self.conclusion,
-            "verdict": self.verdict,
-            "inside": [t.summary() for t in self.inside],
-            "layers": [b.summary() for b in self.layers],
-            "beaten": [
-                {"start": list(b.start), "by": b.by, "outcome": b.outcome, "time_s": b.time}
-                for b in self.beaten[:LISTED]
-            ],
-            "outside": self.outside.summary() if self.outside else None,
-        }
-
-
 NO_DISTURBANCE = "no disturbance"
 ALL = "every disturbance tried"
 
@@ -323,6 +86,12 @@ class Runs:
     def excursion(self) -> float:
         return float(np.max(self.worst))
 
+    @property
+    def refuted(self) -> Truths:
+        """The runs that are lost within the grid, shape (runs,)."""
+        lost: Truths = ~self.kept & ~self.off_grid
+        return lost
+
     def part(self, which: slice) -> Runs:
         """Those of some starts."""
         return Runs(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
@@ -346,7 +115,8 @@ def layers_of(outer: Outer, every: Sequence[Runs], loss: float | None) -> tuple[
         runs = [r.part(slice(ahead, ahead + len(states))) for r in every]
         ahead += len(states)
         if len(states):
-            missed = max(float(np.where(r.kept, 0.0, r.missed).max()) for r in runs)
+            within = [np.where(r.kept | r.off_grid, 0.0, r.missed) for r in runs]
+            missed = max(float(m.max()) for m in within)
             trials = _against_all(runs)
             layers.append(Layer(where, down_to, share, trials, max(missed, 0.0), allowed))
     return tuple(layers)
@@ -355,7 +125,7 @@ def layers_of(outer: Outer, every: Sequence[Runs], loss: float | None) -> tuple[
 def _against_all(every: Sequence[Runs]) -> Trials:
     """The starts against all that was tried."""
     stood: Any = np.stack([r.kept for r in every]).all(axis=0)
-    off: Any = np.stack([r.off_grid for r in every]).any(axis=0) & ~stood
+    off: Any = ~stood & ~np.stack([r.refuted for r in every]).any(axis=0)
     relaxed: Any = np.stack([r.relaxed for r in every]).any(axis=0)
     worst = float(np.max([r.excursion for r in every]))
     what = ALL if len(every) > 1 else NO_DISTURBANCE
@@ -511,6 +281,7 @@ def check_promise(
     every = [run(what, starts, count) for count, what in enumerate(kinds)]
     by_kind = {what: r.part(slice(0, runs)) for what, r in zip(kinds, every, strict=True)}
     unbeaten: Any = np.stack([r.kept for r in by_kind.values()]).all(axis=0)
+    refuted: Any = np.stack([r.refuted for r in by_kind.values()]).any(axis=0)
     trials = [r.trials(what) for what, r in by_kind.items()]
     beaten = _beaten(inside, by_kind)
     if model.disturbances:
@@ -522,15 +293,17 @@ def check_promise(
             tried = run(RESTARTS, np.repeat(inside[again], TRIES, axis=0), len(kinds))
             beaten += _beaten(np.repeat(inside[again], TRIES, axis=0), {RESTARTS: tried}, TRIES)
             stood: Any = tried.kept.reshape(-1, TRIES).all(axis=1)
-            off = tried.off_grid.reshape(-1, TRIES).any(axis=1) & ~stood
+            beat: Any = tried.refuted.reshape(-1, TRIES).any(axis=1)
+            off = ~stood & ~beat
             unbeaten[again] &= stood
+            refuted[again] |= beat
             relaxed = int(tried.relaxed.reshape(-1, TRIES).any(axis=1).sum())
             rate_again = Rate(int(stood.sum()), int(stood.size))
             trials.append(Trials(RESTARTS, rate_again, int(off.sum()), tried.excursion, relaxed))
         total = Trials(
             ALL,
             Rate(int(unbeaten.sum()), runs),
-            sum(b.outcome == Outcome.OFF_GRID.label for b in beaten),
+            int((~unbeaten & ~refuted).sum()),
             float(np.max([t.excursion for t in trials])),
             max(t.relaxed for t in trials),
         )
@@ -578,7 +351,14 @@ def _part(tell: Progress | None, begin: float, parts: int) -> Callable[[float], 
 
 
 def _doubt(report: Report) -> str:
-    """The doubt that the set touches ends of the grid beyond which its value is extrapolated."""
+    """The doubt that a part of the set is disputed, or that the set touches ends of the grid beyond
+    which its value is extrapolated."""
+    if report.disputed_share:
+        return (
+            f"{100 * report.disputed_share:.2g} % of the set are disputed: only a scheme of first "
+            "order reaches them; let differences be states where two players move something apart, "
+            "or take a finer grid"
+        )
     ends = report.ends_reached
     if not ends or report.nodes_from_outside == 0:
         return ""

@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.arguments import for_user
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import PREPARED, SHARED, ClosedLoopProgram
@@ -123,7 +124,8 @@ def advance_handed(
                     blocks.end_records(out, first, count)
                     return
                 states = seen[:, :n].transpose(0, 2, 1).reshape(-1, n)[:runs]
-                answer = commander.command(float(time[0, 0, 0]), states.copy(), alive)
+                with for_user():
+                    answer = commander.command(float(time[0, 0, 0]), states.copy(), alive)
                 try:
                     commands = np.asarray(answer, dtype=np.float64)
                 except (TypeError, ValueError, OverflowError):
@@ -432,11 +434,13 @@ class ClosedLoop:
                     if progress is not None:
                         progress((start + some * sample / (samples + 1)) / runs)
 
-                commander.begin(range(first + start, first + start + some))
+                with for_user():
+                    commander.begin(range(first + start, first + start + some))
                 try:
                     advance_handed(batch, result, start, commander, tell)
                 finally:
-                    commander.end()
+                    with for_user():
+                        commander.end()
                 batch.write_notes(result, start)
 
         began = time.perf_counter()

@@ -143,6 +143,37 @@ def _branches(
             yield expression.xreplace({kink: a}), expression.xreplace({kink: b})
 
 
+def as_states(effects: Mapping[sp.Symbol, sp.Expr]) -> str:
+    """The remedy for an expression that is not affine in the inputs.
+
+    effects: its derivatives by all inputs.
+    """
+    names, called = _curved(effects)
+    return (
+        f"command the rate of {names} instead: hf.dynamic_extension(system, {called}), with the "
+        f"bounds hf.input_limits(system, {called}) in the region"
+    )
+
+
+def _in_place_of(effects: Mapping[sp.Symbol, sp.Expr]) -> str:
+    """The remedy where a rate of an input would act too late."""
+    names, called = _curved(effects)
+    return (
+        f"take another input than {names}, such as the tangent of a steering angle, or keep a "
+        f"kernel of hf.dynamic_extension(system, {called})"
+    )
+
+
+def _curved(effects: Mapping[sp.Symbol, sp.Expr]) -> tuple[str, str]:
+    """Inputs such that an expression is affine in the others: in a sentence, and as an argument."""
+    others = {u for u, e in effects.items() if u not in e.free_symbols}
+    for u in effects:
+        if u in others and effects[u].free_symbols & others:
+            others.remove(u)
+    names = [f"'{u.name}'" for u in effects if u not in others]
+    return " and ".join(names), f"({', '.join(names)}{',' * (len(names) == 1)})"
+
+
 def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
     inputs = [q.symbol for q in system.inputs]
     disturbances = [q.symbol for q in system.disturbances]
@@ -164,7 +195,8 @@ def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
         )
     if any(e.free_symbols & set(inputs) for e in effect):
         raise DefinitionError(
-            f"the inputs of system '{system.name}' do not appear affinely in the rate of '{name}'"
+            f"the inputs of system '{system.name}' do not appear affinely in the rate of '{name}'",
+            remedy=as_states(slopes) if degree == 1 else _in_place_of(slopes),
         )
     undriven, drift = exchanged([rate, driven], still)
     carried = tuple(derivatives(drift, disturbances).values())
@@ -299,11 +331,13 @@ def _later_condition(system: System, c: ViabilityCondition, value: sp.Expr) -> V
     """P <= 0 as a constraint of relative degree 1, under disturbances that do not change."""
     inputs = [q.symbol for q in system.inputs]
     rate = system.derivative(value)
-    effect = tuple(derivatives(rate, inputs).values())
+    slopes = derivatives(rate, inputs)
+    effect = tuple(slopes.values())
     if symbols_of(effect) & set(inputs):
         raise DefinitionError(
             f"the inputs of system '{system.name}' do not appear affinely in the derivatives of "
-            f"'{c.name}', of which some have an input in the first and others in the second"
+            f"'{c.name}', of which some have an input in the first and others in the second",
+            remedy=_in_place_of(slopes),
         )
     (drift,) = exchanged([rate], dict.fromkeys(inputs, sp.S.Zero))
     disturbances = [q.symbol for q in system.disturbances]

@@ -58,6 +58,7 @@ from holdfast.arguments import RangesOfParameters, Seconds, Two, UnitsOf, checke
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.barrier_conditions import (
     ViabilityCondition,
+    as_states,
     kept_possible,
     viability_conditions,
 )
@@ -667,14 +668,17 @@ def _rates(system: System, name: str) -> list[Row]:
     """|f + g . u| <= A."""
     inputs = [q.symbol for q in system.inputs]
     rate = sp.sympify(system.rates[name])
-    effect = tuple(derivatives(rate, inputs).values())
+    slopes = derivatives(rate, inputs)
+    effect = tuple(slopes.values())
     if all(is_zero(e) for e in effect):
         raise DefinitionError(
             f"no input is in the rate of '{name}'",
             remedy="limit it by a constraint of the region, of its velocities",
         )
     if any(e.free_symbols & set(inputs) for e in effect):
-        raise DefinitionError(f"the inputs do not appear affinely in the rate of '{name}'")
+        raise DefinitionError(
+            f"the inputs do not appear affinely in the rate of '{name}'", remedy=as_states(slopes)
+        )
     drift = rate.xreplace(dict.fromkeys(inputs, sp.S.Zero))
     most = symbol(f"rate_{name}")
     return [(effect, most - drift), (tuple(-e for e in effect), most + drift)]

@@ -28,7 +28,7 @@ from holdfast.maths.definitions.quantity import (
     numbers_text,
     symbol,
 )
-from holdfast.maths.definitions.units import Free, Units, are_not_checked
+from holdfast.maths.definitions.units import Empirical, Free, Units, are_not_checked
 from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
 from holdfast.maths.expressions.traversal import at_numbers
 
@@ -476,7 +476,7 @@ class Law(Printed):
     handed: tuple[Quantity, ...] = ()
     description: str = ""
     source: str = ""
-    empirical: str = field(default="", kw_only=True, compare=False)
+    empirical: Empirical = field(default="", kw_only=True, compare=False)
     units: ClassVar[Mapping[str, Dimension] | None] = None
     """Output -> its unit where it has one, of a law whose units were checked."""
 

@@ -33,9 +33,9 @@ from holdfast.maths.definitions.quantity import (
     numbers_text,
 )
 from holdfast.maths.definitions.units import (
+    Empirical,
     Units,
     are_not_checked,
-    kind_of_unit,
     of_another_unit,
 )
 from holdfast.maths.definitions.value import Printed, Value, short_text
@@ -94,6 +94,9 @@ Shape = Segment | Cone | Footprint | Circle | ZeroLevel
 
 CONSTRAINT, GOAL = "constraint", "goal"
 """The roles of zero levels."""
+
+WALLS = ("wall", "obstacle", "room")
+"""The roles of segments that are drawn as walls: one, a side of an obstacle, and of a room."""
 
 
 def _remedy(relation: sp.logic.boolalg.Boolean) -> str:
@@ -177,7 +180,7 @@ class Region(Printed):
     scene: tuple[Shape, ...] = ()
     description: str = ""
     source: str = ""
-    empirical: str = field(default="", kw_only=True, compare=False)
+    empirical: Empirical = field(default="", kw_only=True, compare=False)
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         conditions = [
@@ -206,8 +209,8 @@ class Region(Printed):
             return
         units = Units(f"region '{self.name}'", self.reads + self.parameters)
         for c in self.inequalities:
-            wanted = kind_of_unit(c.unit)
-            units.check(c.expression, f"inequality '{c.name}'", wanted, "its unit")
+            what = f"inequality '{c.name}'"
+            units.check(c.expression, what, units.written(c.unit, what), "its unit")
 
     def check_states(self, system: str, states: Sequence[Quantity]) -> None:
         """Refuse it where it reads what is no state of a system, or a state in another unit."""

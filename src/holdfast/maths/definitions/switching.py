@@ -24,8 +24,8 @@ from holdfast.maths.definitions.quantity import (
     frozen,
     merge_parameters,
 )
-from holdfast.maths.definitions.units import Units, are_not_checked
-from holdfast.maths.definitions.value import FrozenDict, Printed, Value, short_text
+from holdfast.maths.definitions.units import Empirical, Units, are_not_checked
+from holdfast.maths.definitions.value import InOrder, Printed, Value, short_text
 
 
 @checked
@@ -124,7 +124,8 @@ class Switching(Printed):
     At every control sample the transitions out of the current mode are tried in the order written.
     The first whose guard holds is taken, at most one per sample, before the law is evaluated.
 
-    modes: name -> its law. transitions: each a `Transition`. initial: the name of the first mode.
+    modes: name -> its law; in this order they have their numbers, so that another order is another
+    switching. transitions: each a `Transition`. initial: the name of the first mode.
     signals: named expressions that are recorded in every mode. extra_parameters: what transitions
     and signals use besides those of the laws. memory: the discrete-time state of the controller;
     every mode may read it. empirical: why units do not count in its guards, signals and memory;
@@ -149,7 +150,7 @@ class Switching(Printed):
     memory: Memory | None = None
     description: str = ""
     source: str = ""
-    empirical: str = field(default="", kw_only=True, compare=False)
+    empirical: Empirical = field(default="", kw_only=True, compare=False)
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         turns = [f"{t.source} -> {t.target} as soon as {short_text(t.when)} >= 0"
@@ -166,7 +167,7 @@ class Switching(Printed):
             raise DefinitionError(f"{owner} has no modes")
         object.__setattr__(self, "initial", self.initial or next(iter(self.modes)))
         object.__setattr__(self, "signals", frozen(self.signals))
-        object.__setattr__(self, "modes", FrozenDict(dict(self.modes)))
+        object.__setattr__(self, "modes", InOrder(self.modes))
         outputs = next(iter(self.modes.values())).output_names
         for name, law in self.modes.items():
             if set(law.output_names) != set(outputs):

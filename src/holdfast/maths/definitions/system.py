@@ -37,7 +37,7 @@ from holdfast.maths.definitions.quantity import (
     symbol,
 )
 from holdfast.maths.definitions.switching import Switching, Transition
-from holdfast.maths.definitions.units import Units, are_not_checked, kind_of_unit, of_another_unit
+from holdfast.maths.definitions.units import Empirical, Units, are_not_checked, of_another_unit
 from holdfast.maths.definitions.value import Printed, Value, short_text
 from holdfast.maths.expressions.traversal import derivatives
 
@@ -274,7 +274,7 @@ class System(Printed):
     measurements: tuple[Measurement, ...] = ()
     promoted: tuple[str, ...] = ()
     flat_output: FlatOutput | None = None
-    empirical: str = field(default="", kw_only=True, compare=False)
+    empirical: Empirical = field(default="", kw_only=True, compare=False)
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         counts = [
@@ -362,7 +362,8 @@ class System(Printed):
         units.check_set(self.input_bounds, self.inputs, "the input bounds")
         units.check_set(self.disturbance_bounds, self.disturbances, "the disturbance bounds")
         for m in self.measurements:
-            units.check(m.expression, f"'{m.name}'", kind_of_unit(m.unit), "its unit")
+            what = f"'{m.name}'"
+            units.check(m.expression, what, units.written(m.unit, what), "its unit")
         for number, row in enumerate(self.pfaffian, start=1):
             entries = {symbol(n): c for n, c in row.coefficients.items()}
             units.check_row(entries, row.rhs, f"Pfaffian row {number}")

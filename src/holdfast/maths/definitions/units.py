@@ -11,6 +11,7 @@ Only what is written is checked, so that what is refused is wrong with any readi
 | a sum, least, greatest, select | that of its terms, which is the same |
 | a product, a power | the product, the power; an exponent has none |
 | the argument of sin, exp, wrap, ... | none, or an angle in rad |
+| what is compared with 0 in a condition, the argument of sgn | any, and each part of it its own |
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
+from typing import Annotated
 
 import sympy as sp
 
+from holdfast.arguments import Says
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.definitions.quantity import (
@@ -56,11 +59,6 @@ LONGEST = 60
 """Characters of a term in a message."""
 
 _DURATIONS = (TIME_IN_MODE, SAMPLE_TIME, DELAY)
-
-
-def kind_of_unit(unit: str) -> Kind:
-    """What is written of a unit."""
-    return Free.ANY if not unit or isinstance(unit, Unwritten) else dimension(unit)
 
 
 def product(*kinds: Kind) -> Kind:
@@ -118,17 +116,27 @@ class Units:
     def __init__(self, owner: str, quantities: Iterable[Quantity]) -> None:
         self.owner, self.what = owner, ""
         self.kinds: dict[sp.Basic, Kind] = {}
+        self.texts: dict[sp.Basic, str] = {}
         for q in quantities:
-            try:
-                self.kinds[q.symbol] = kind_of_unit(q.unit)
-            except UnitError as error:
-                raise DefinitionError(
-                    f"'{q.name}' of {owner} has the unit '{q.unit}', which is none",
-                    expected=error.expected,
-                ) from None
+            self.texts[q.symbol] = str(q.unit)
+            self.kinds[q.symbol] = self.written(q.unit, f"'{q.name}'")
         self.plain = all(k == NONE or isinstance(k, Free) for k in self.kinds.values())
         self.kinds |= {TIME: Free.ANY}
         self.kinds |= dict.fromkeys(_DURATIONS, Free.ANY if self.plain else SECOND)
+
+    def written(self, unit: str, whose: str) -> Kind:
+        """What is written of the unit of `whose`; `DefinitionError` for text that is none."""
+        try:
+            return Free.ANY if not unit or isinstance(unit, Unwritten) else dimension(unit)
+        except UnitError as error:
+            raise DefinitionError(
+                f"{whose} of {self.owner} has the unit '{unit}', which is none",
+                expected=error.expected,
+            ) from None
+
+    def shown(self, e: sp.Basic, kind: Kind) -> str:
+        """The unit of an expression; that of a quantity as it is written."""
+        return self.texts.get(e) or unit_text(kind)
 
     def per_second(self, kind: Kind) -> Kind:
         """That of a rate of what has this; what has none may count time in anything."""
@@ -158,7 +166,7 @@ class Units:
         kind = self.of(e, what)
         if not fits(kind, wanted):
             raise self.refused(
-                f"{_shown(e)} is in {unit_text(kind)}",
+                f"{_shown(e)} is in {self.shown(e, kind)}",
                 expected=f"{unit_text(wanted)}, {of}",
                 lacking=product(wanted, power(kind, -1.0)),
             )
@@ -220,6 +228,8 @@ class Units:
         kinds = self.kinds
         if isinstance(part, functions.select):
             return self._same(args[1:], [kinds[a] for a in args[1:]], "chooses between", part)
+        if isinstance(part, _SIGNS):
+            return Free.NUMBER
         of = [kinds[a] for a in args]
         if part.is_Mul:
             start = 1 if args[0] is sp.S.NegativeOne else 0
@@ -235,8 +245,6 @@ class Units:
             return NONE
         if isinstance(part, (functions.magnitude, sp.Abs)):
             return of[0]
-        if isinstance(part, _SIGNS):
-            return Free.NUMBER
         if isinstance(part, _EQUAL):
             return self._same(args, of, "compares", part)
         if isinstance(part, _OF_NUMBERS):
@@ -256,7 +264,8 @@ class Units:
         """Refuse the argument of a function that has a unit."""
         if not fits(kind, NONE):
             raise self.refused(
-                f"the term {_shown(part)}, whose {_shown(argument)} is in {unit_text(kind)}",
+                f"the term {_shown(part)}, whose {_shown(argument)} is in "
+                f"{self.shown(argument, kind)}",
                 expected="an angle in rad or a number without a unit",
                 lacking=power(kind, -1.0),
             )
@@ -272,7 +281,9 @@ class Units:
             if first < 0:
                 first = i
             elif kind != kinds[first] and not fits(kinds[first], kind):
-                terms = [f"{_shown(parts[k])} in {unit_text(kinds[k])}" for k in (first, i)]
+                terms = [
+                    f"{_shown(parts[k])} in {self.shown(parts[k], kinds[k])}" for k in (first, i)
+                ]
                 subject = f"{_shown(whole)} {does}" if whole is not None else f"it {does}"
                 raise self.refused(f"{subject} {' and '.join(terms)}", expected="one unit")
         if first >= 0:
@@ -280,26 +291,32 @@ class Units:
         return Free.NUMBER if Free.NUMBER in kinds else Free.ANY
 
 
+REASON = 'empirical = "drag fitted to a tank test"'
+"""How a definition says why its units do not count."""
+
+Empirical = Annotated[str, Says(f"the reason as text, such as {REASON}")]
+
+
 def are_not_checked(empirical: object, owner: str) -> bool:
     """Whether a definition says why its units do not count; `DefinitionError` for no text."""
     if not isinstance(empirical, str):
         raise DefinitionError(
             f"empirical of {owner} is {empirical!r}",
-            expected='the reason as text, such as "a fit to data"',
+            expected=f"the reason as text, such as {REASON}",
         )
     return bool(empirical)
 
 
 def _arguments(part: sp.Basic) -> Sequence[sp.Basic]:
-    """The arguments whose units count; of a condition, those of its parts."""
+    """The arguments whose units count; of a condition and of a sign, those of their parts."""
     if isinstance(part, functions.select):
         return *_levels(part.args[0]), *part.args[1:]
-    return part.args
+    return [*_levels(part.args[0])] if isinstance(part, _SIGNS) else part.args
 
 
 def _levels(e: sp.Basic) -> Iterator[sp.Basic]:
     """What is compared with 0 in a condition, whose "and" is the least, "or" the greatest."""
-    if isinstance(e, _EQUAL):
+    if isinstance(e, (*_EQUAL, functions.select)):
         for part in e.args:
             yield from _levels(part)
     elif e.is_Mul and len(e.args) == 2 and e.args[0] is sp.S.NegativeOne:
@@ -325,7 +342,7 @@ def remedy_of(lacking: Kind) -> str:
         remedy = "write units of the SI, such as m and rad"
     else:
         remedy = f"correct it, or multiply it by a parameter in {unit_text(lacking)}"
-    return f'{remedy}; where units do not count say why: empirical = "a fit to data"'
+    return f"{remedy}; where units do not count say why: {REASON}"
 
 
 def _shown(e: sp.Basic) -> str:

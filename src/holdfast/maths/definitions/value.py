@@ -43,7 +43,20 @@ class FrozenDict(dict[Key, Held]):
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return FrozenDict, (picklable(dict(self)),)
+        return type(self), (picklable(dict(self)),)
+
+
+class InOrder(FrozenDict[Key, Held]):
+    """A mapping that does not change, and is another in another order."""
+
+    __slots__ = ()
+
+
+def unchanging(value: Any) -> Any:
+    """The same, with mappings that do not change, in mappings too."""
+    if type(value) is dict:
+        return FrozenDict({key: unchanging(held) for key, held in value.items()})
+    return value
 
 
 class Value:
@@ -128,6 +141,8 @@ def content(value: Any) -> Any:
     match value:
         case sp.MatrixBase():
             return value.shape, *map(content, value.flat())
+        case InOrder():
+            return tuple((key, content(held)) for key, held in value.items())
         case Mapping():
             return frozenset((key, content(held)) for key, held in value.items())
         case list() | tuple():

@@ -16,6 +16,7 @@ from typing import Any
 
 import sympy as sp
 
+from holdfast.arguments import for_house
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import AllocatedImage, Ball, Box, LinearImage, Product
 from holdfast.maths.definitions.quantity import (
@@ -81,7 +82,9 @@ def read(data: Any, as_a: type, *more: type) -> Any:
     """
     try:
         steps = expressions(data["steps"])
-        return _Reader(steps, {c.__name__: c for c in (*CLASSES, *more)}).value(data["what"], as_a)
+        reader = _Reader(steps, {c.__name__: c for c in (*CLASSES, *more)})
+        with for_house():
+            return reader.value(data["what"], as_a)
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise DefinitionError(f"a definition that nobody wrote ({error!s:.80})") from None
     except RecursionError:

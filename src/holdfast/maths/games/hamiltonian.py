@@ -428,7 +428,7 @@ class Player:
                         expected="rates affine in every input and disturbance, for a closed form",
                         remedy="or take points of their sets in place of it, for example samples=9 "
                         "(of a kernel; for a filter take another input, such as the tangent of a "
-                        "steering angle)",
+                        "steering angle, or its rate, by hf.dynamic_extension)",
                     )
         return rates.jacobian(symbols) if symbols else sp.zeros(len(rates), 0)
 

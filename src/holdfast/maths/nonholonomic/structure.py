@@ -26,11 +26,11 @@ from itertools import combinations, pairwise
 
 import sympy as sp
 
-from holdfast.arguments import checked, written_by_user
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, Quantity, given_number, symbol
 from holdfast.maths.definitions.system import FlatOutput, PfaffianRow, System
-from holdfast.maths.definitions.units import Free, Units, power, product, unit_text
+from holdfast.maths.definitions.units import Empirical, Free, Units, power, product, unit_text
 from holdfast.maths.expressions.functions import (
     angle,
     greatest,
@@ -53,7 +53,7 @@ def kinematic_system(
     parameters: tuple[Parameter, ...] = (),
     description: str = "",
     source: str = "",
-    empirical: str = "",
+    empirical: Empirical = "",
 ) -> System:
     """The system q' = sum_i g_i(q) w_i of all motions that A(q) q' = 0 allows.
 
@@ -78,13 +78,12 @@ def kinematic_system(
     leaf = tuple(q for j, q in enumerate(states) if any(e != 0 for e in matrix.col(j)))
     directions = kernel(name, states, matrix, leaf, parameters)
     units = Units(f"system '{name}'", (*states, *parameters))
-    counted = written_by_user() and not empirical
-    if counted:
+    if not empirical:
         for number, row in enumerate(rows, start=1):
             entries = {symbol(n): c for n, c in row.coefficients.items()}
             units.check_row(entries, row.rhs, f"Pfaffian row {number}")
     inputs = tuple(
-        Quantity(f"w{i}", _unit_of_motion(units, states, g) if counted else "1/s", f"motion {i}")
+        Quantity(f"w{i}", "1/s" if empirical else _unit_of_motion(units, states, g), f"motion {i}")
         for i, g in enumerate(directions, start=1)
     )
     return System(

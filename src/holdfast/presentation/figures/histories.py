@@ -157,7 +157,7 @@ def _by_unit(title: str, units: Sequence[str], names: Sequence[str], values: Arr
     ]
 
 
-NEAR = 0.2
+NEAR = 0.5
 """A limit is drawn if an input reaches this share of it, and otherwise only named."""
 
 MARKS = {
@@ -189,7 +189,7 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
         figure, axes = plt.subplots(
             rows,
             2,
-            figsize=(style.WIDTH, 1.55 * rows + 0.6),
+            figsize=(style.WIDTH, rows),
             sharex=True,
             layout="constrained",
             squeeze=False,
@@ -197,11 +197,15 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
         flat = list(axes.T.flat)
         shades = _shade(flat[: len(shown)], time, mode, data)
         marks: list[Patch] = []
+        legends: list[int] = []
         for axis, panel in zip(flat, shown, strict=False):
             _draw(axis, panel, time)
+            legends.append(_legend(axis, panel.title))
             if panel.fed and answers is not None:
                 marks = _mark(axis, time, answers)
             axis.set_xlim(time[0], end)
+        deepest = sum(max(legends[k::rows]) for k in range(rows))
+        figure.set_figheight(1.55 * rows + style.ROW_HEIGHT * deepest + 0.6)
         figure.suptitle(told(result, run), fontsize=9)
         for axis in flat[len(shown) :]:
             axis.set_visible(False)
@@ -210,13 +214,12 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
             rest = f" (at rest until {time[-1]:g} s)" if end < time[-1] else ""
             last.set_xlabel(f"time [s]{rest}")
             last.tick_params(labelbottom=True)
-        modes = shades if len(shades) > 1 else []
-        if modes or marks:
-            titles = [t for t, entries in (("mode", modes), ("safeguard", marks)) if entries]
+        if shades or marks:
+            titles = [t for t, entries in (("mode", shades), ("safeguard", marks)) if entries]
             figure.legend(
-                handles=[*modes, *marks],
+                handles=[*shades, *marks],
                 loc="outside lower center",
-                ncols=min(6, len(modes) + len(marks)),
+                ncols=min(6, len(shades) + len(marks)),
                 handlelength=3.2,
                 title=", ".join(titles),
                 title_fontsize=7,
@@ -262,24 +265,32 @@ def _draw(axis: Axes, panel: Panel, time: Array) -> None:
         axis.axhline(
             level, color=style.BLACK, linewidth=0.8, linestyle=dashes, label=name or "_level"
         )
-    axis.set_title(panel.title, loc="left", fontsize=8, pad=3)
     axis.set_ylabel(f"[{panel.unit}]" if panel.unit != "1" else "")
     axis.margins(x=0.0, y=0.1)
     _limit(axis, panel)
-    entries = [n for n in axis.get_legend_handles_labels()[1] if not n.startswith("_")]
-    crowded = len(entries) > 2
-    if crowded:  # no corner is free: leave space above the curves
-        low, high = axis.get_ylim()
-        axis.set_ylim(low, high + (0.45 if len(entries) <= 4 else 0.65) * (high - low))
-    axis.legend(
-        loc="upper center" if crowded else "best",
-        ncols=2 if len(entries) <= 4 else 3,
-        handlelength=1.8,
-        borderaxespad=0.2,
-        frameon=True,
-        framealpha=0.8,
-        edgecolor="none",
-    )
+
+
+LEGEND_WIDTH = 2.9
+"""Inches of a legend over a panel."""
+
+
+def _legend(axis: Axes, title: str) -> int:
+    """Title and legend over the panel, where no line is; the number of rows of the legend."""
+    labels = axis.get_legend_handles_labels()[1]
+    rows = style.rows_of(labels, LEGEND_WIDTH) if labels else 0
+    axis.set_title(title, loc="left", fontsize=8, pad=4 + 72 * style.ROW_HEIGHT * rows)
+    if labels:
+        axis.legend(
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=-(-len(labels) // rows),
+            handlelength=1.8,
+            columnspacing=1.4,
+            labelspacing=0.3,
+            borderpad=0.0,
+            borderaxespad=0.5,
+        )
+    return rows
 
 
 def _limit(axis: Axes, panel: Panel) -> None:
@@ -351,7 +362,7 @@ def _shade(
     axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: object
 ) -> list[Line2D]:
     meanings = str(data["mode"].attrs["flag_meanings"]).split()  # type: ignore[index]
-    if len(meanings) == 1:
+    if len(np.unique(mode[mode >= 0])) < 2:  # nothing to tell apart
         return []
     edges = [0, *(np.flatnonzero(np.diff(mode)) + 1), len(mode) - 1]
     for a, b in pairwise(edges):

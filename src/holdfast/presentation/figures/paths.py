@@ -139,7 +139,8 @@ def paths_figure(
         lines = levels.lines(window)
         across, up = frame.size
         width = style.WIDTH / 2 if both else style.WIDTH * 0.65
-        height = min(max(0.85 * width * up / across, 1.8), 4.4) + 1.1
+        least = 1.2 if frame.equal else 1.8  # of equal scales, a low frame leaves no gaps
+        height = min(max(0.85 * width * up / across, least), 4.4) + 1.1
         figure, axes = plt.subplots(
             1,
             2 if both else 1,

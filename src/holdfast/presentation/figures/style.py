@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,15 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
+from matplotlib.textpath import TextPath
 
 from holdfast.errors import OutputError
 from holdfast.execution.simulation.settings import Outcome
 from holdfast.host.files import atomic_file
-from holdfast.maths.definitions.region import Circle, Segment, Shape
+from holdfast.maths.definitions.region import WALLS, Circle, Segment, Shape
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
 
 # Okabe-Ito, distinguishable by colour-blind readers
@@ -44,8 +47,10 @@ OUTCOMES: dict[Outcome, str] = dict(
 
 DASHES: tuple[tuple[float, ...], ...] = (
     (), (4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (9, 2), (3, 1.2, 1, 1.2, 1, 1.2), (2, 3),
+    *((8, 1.2) + (1, 1.2) * dots for dots in range(2, 8)),
 )  # fmt: skip
-"""Dashes and gaps in widths of their line, so that lines differ without colours too."""
+"""Dashes and gaps in widths of their line, so that lines differ without colours too; from the
+eighth on, a dash and so many dots."""
 
 OUTCOME_DASHES: dict[Outcome, tuple[float, ...]] = dict(
     zip(Outcome, (DASHES[4], DASHES[0], DASHES[1], DASHES[2], DASHES[3], *DASHES[5:]), strict=False)
@@ -170,7 +175,7 @@ def numbers(named: Iterable[tuple[str, float, str]]) -> str:
 
 FIXED: Mapping[str, dict[str, Any]] = {
     "target": {"color": BLACK, "linewidth": 4.5, "zorder": 5},
-    "wall": {"color": GREY, "linewidth": 1.5, "zorder": 2},
+    **{role: {"color": GREY, "linewidth": 1.5, "zorder": 2} for role in WALLS},
     "goals": {"color": PURPLE, "linewidth": 1.0, "linestyle": "--", "zorder": 2},
 }
 """How shapes of these roles are drawn."""
@@ -200,14 +205,43 @@ def labelled(axis: Axes) -> list[Artist]:
     ]
 
 
+HANDLE_WIDTH, ROW_HEIGHT, ROWS = 0.55, 0.16, 2
+"""Inches of an entry of a legend beside its text, of a row, and the rows that figures have room
+for."""
+
+
+def text_width(text: str) -> float:
+    """Inches of a text, which may be a formula, in a legend."""
+    font = FontProperties(size=_SETTINGS["legend.fontsize"])
+    width: float = TextPath((0, 0), text, prop=font).get_extents().width / 72
+    return width
+
+
+def rows_of(labels: Sequence[str], width: float) -> int:
+    """The least number of rows of a legend, filled column after column, that is so wide."""
+    widths = [HANDLE_WIDTH + text_width(text) for text in labels]
+    for rows in range(1, len(widths)):
+        columns = -(-len(widths) // rows)
+        longer = len(widths) % columns or columns  # Matplotlib fills the first columns
+        ends = [0]
+        for k in range(columns):
+            ends.append(ends[-1] + (-(-len(widths) // columns) - (k >= longer)))
+        if sum(max(widths[i:j]) for i, j in pairwise(ends)) <= width:
+            return rows
+    return max(len(widths), 1)
+
+
 def add_legend(figure: Figure, handles: list[Artist], note: str = "") -> None:
-    """One legend below, every label once, in as many columns as fit; a note above it."""
-    once = {str(h.get_label()): h for h in handles}
+    """One legend below, every label once, in as many columns as fit; a note above it. The figure
+    grows with it."""
+    once: dict[str, Artist] = {}
+    for handle in handles:
+        once.setdefault(str(handle.get_label()), handle)
     if not once:
         return
-    widest = 0.6 + 0.055 * max(len(label) for label in once)  # inches
-    most = max(1, int(figure.get_size_inches()[0] / widest))
-    rows = -(-len(once) // most)
+    width, height = figure.get_size_inches()
+    rows = rows_of(list(once), width - 0.2)
+    figure.set_figheight(height + ROW_HEIGHT * max(rows + bool(note) - ROWS, 0))
     figure.legend(
         handles=list(once.values()),
         loc="outside lower center",

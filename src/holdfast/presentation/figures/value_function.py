@@ -30,6 +30,7 @@ from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.region import Shape
 from holdfast.presentation.figures import level_sets, style
 from holdfast.presentation.figures.style import draw_fixed, labelled
+from holdfast.presentation.figures.zero_levels import PlaneLevels, draw_lines
 
 SLICES = 5
 """The default number of slices."""
@@ -173,7 +174,8 @@ def value_function_figure(
     at: state -> its fixed value, in its unit; or several values of one state: the slices. A state
     that is neither drawn nor fixed is set to zero, or to the middle if that is outside the grid.
     others: label -> value function of the same states, drawn dashed. label: of the set itself.
-    scene: shapes in the plane, as in `Region.scene`. parameters: name -> value, of these.
+    scene: shapes in the plane, as in `Region.scene`, and zero levels of inequalities, drawn where
+    they depend on nothing else that varies. parameters: name -> value, of these.
 
     Raises `OutputError` for a plane that is not two of the remaining states and for others of other
     states, `SimulationError` for a state fixed outside the grid.
@@ -249,11 +251,11 @@ def _plane(
         level_sets.add_bar(axis, filled, _value_label(value))
         alone = level_sets.in_set(label, style.BLACK)
     level_sets.draw_others(axis, others.values(), plane)
-    draw_fixed(axis, scene, parameters)
     level_sets.set_up(axis, flat, plane)
+    lines = _draw_scene(axis, plane, scene, {**(parameters or {}), **view.held})
     figure.suptitle(_title(value, view.held), fontsize=9)
     entries = level_sets.entries(flat, alone, others)
-    style.add_legend(figure, entries + labelled(axis))
+    style.add_legend(figure, entries + labelled(axis) + lines)
     return figure
 
 
@@ -284,6 +286,7 @@ def _slices(
         squeeze=False,
     )
     panels: list[Axes] = list(table.flat)
+    lines: list[Artist] = []
     for k, (axis, held) in enumerate(zip(panels, [*cuts, None], strict=False)):
 
         def part(whole: ValueFunction, held: dict[str, float] | None = held) -> ValueFunction:
@@ -294,8 +297,9 @@ def _slices(
         shown = part(value)
         extent = level_sets.draw_set(axis, shown, plane)
         level_sets.draw_others(axis, [part(o) for o in others.values()], plane)
-        draw_fixed(axis, scene, parameters)
         level_sets.set_up(axis, shown, plane)
+        fixed = view.given if held is None else held
+        lines += _draw_scene(axis, plane, scene, {**(parameters or {}), **fixed})
         level_sets.label_outer(axis, k, columns, count)
         title = where(value, {view.along: held[view.along]}) if held else "projection, any "
         title += "" if held else ", ".join(style.label(n) for n in over)
@@ -304,8 +308,18 @@ def _slices(
         axis.set_visible(False)
     figure.suptitle(_title(value, view.held), fontsize=9)
     entries = level_sets.entries(value, level_sets.in_set(label), others)
-    style.add_legend(figure, entries + labelled(panels[0]))
+    style.add_legend(figure, entries + labelled(panels[0]) + lines)
     return figure
+
+
+def _draw_scene(
+    axis: Axes, plane: tuple[str, str], scene: Sequence[Shape], values: Mapping[str, float]
+) -> list[Artist]:
+    """What stands still, and the inequalities that have a line where the parameters and the fixed
+    states have these values; the legend of these lines."""
+    draw_fixed(axis, scene, values)
+    window = (*axis.get_xlim(), *axis.get_ylim())
+    return draw_lines(axis, PlaneLevels.among(scene, plane, values).lines(window), window)
 
 
 def _title(value: ValueFunction, held: Mapping[str, float]) -> str:
@@ -373,7 +387,8 @@ def regulation_map_figure(found: RegulationMap) -> Figure:
             middle = foot + along * float(along @ (0.5 - foot))
             ends = np.array([middle - 2 * along, middle + 2 * along]) * span + low
             colour = style.LINES[j % len(style.LINES)]
-            axis.plot(*ends.T, color=colour, label=name.replace("_", " "))
+            drawn = {"color": colour, "linestyle": style.dashes(j)}
+            axis.plot(*ends.T, label=name.replace("_", " "), **drawn)
             tip = middle - 0.1 * normal / size
             arrow = {"arrowstyle": "-|>", "color": colour}
             axis.annotate("", tip * span + low, middle * span + low, arrowprops=arrow)
@@ -457,8 +472,8 @@ def optimal_input_figure(
             _draw_sign(axis, flat, plane, table)
             seconds = _draw_arrows(axis, flat, plane, first, second)
             level_sets.draw_others(axis, beside, plane)
-            draw_fixed(axis, scene, parameters)
             level_sets.set_up(axis, flat, plane)
+            lines = _draw_scene(axis, plane, scene, {**(parameters or {}), **view.held})
             level_sets.label_outer(axis, k, columns, count)
             axis.set_title(f"sign of {style.label(name)}")
         for axis in panels.flat[count:]:
@@ -476,7 +491,7 @@ def optimal_input_figure(
             ),
         ]  # fmt: skip
         handles += level_sets.entries(flat, handles[2], others)
-        style.add_legend(figure, handles + labelled(panels[0, 0]))
+        style.add_legend(figure, handles + labelled(panels[0, 0]) + lines)
     return figure
 
 

@@ -7,8 +7,8 @@ it is named and not drawn.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -23,7 +23,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.execution.arrays import Array
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.definitions.quantity import symbol
-from holdfast.maths.definitions.region import CONSTRAINT, GOAL, ZeroLevel
+from holdfast.maths.definitions.region import CONSTRAINT, GOAL, Shape, ZeroLevel
 from holdfast.maths.expressions.numeric import parameter_values
 from holdfast.maths.expressions.traversal import at_numbers
 from holdfast.presentation.figures import style
@@ -93,16 +93,23 @@ class PlaneLevels:
         """Those of a result; what varies from run to run has no one line either."""
         data = result.arrays
         varied = {str(n) for n in data["varied_name"].values} if "varied_name" in data else set()
-        numbers = {
-            s: v for s, v in parameter_values(result.parameters).items() if s.name not in varied
-        }
+        values = {n: v for n, v in (result.parameters or {}).items() if n not in varied}
+        among = cls.among(result.scene, plane, values)
+        if among.names or among.hidden:
+            return among
+        unread = [str(n) for n in data["constraint_name"].values]
+        return replace(among, unread=(*unread, *(["the goal"] if data.attrs.get("goal") else [])))
+
+    @classmethod
+    def among(
+        cls, scene: Iterable[Shape], plane: Sequence[str], fixed_values: Mapping[str, float] | None
+    ) -> PlaneLevels:
+        """Those of a scene, where the parameters and states of these names have these values."""
+        numbers = parameter_values(fixed_values)
         at = [symbol(name) for name in plane]
         shown: dict[str, list[ZeroLevel]] = {CONSTRAINT: [], GOAL: []}
         hidden = []
-        levels = [x for x in result.scene if isinstance(x, ZeroLevel)]
-        unread = [] if levels else [str(n) for n in data["constraint_name"].values]
-        if data.attrs.get("goal") and not levels:
-            unread.append("the goal")
+        levels = [x for x in scene if isinstance(x, ZeroLevel)]
         for level in levels:
             free = level.expression.free_symbols
             if free <= {*at, *numbers} and free & {*at}:
@@ -130,7 +137,7 @@ class PlaneLevels:
         shown_names = (*names, *([GOAL] if shown[GOAL] else []))
         every = [level.name for level in levels if level.role == CONSTRAINT]
         places = tuple(every.index(name) for name in names)
-        return cls(shown_names, len(names), values, tuple(hidden), places, tuple(unread))
+        return cls(shown_names, len(names), values, tuple(hidden), places)
 
     def role(self, k: int) -> str:
         return CONSTRAINT if k < self.constraints else GOAL
@@ -242,6 +249,7 @@ def draw_lines(axis: Axes, lines: Sequence[Line], window: Window) -> list[Artist
     constraints = [line for line in lines if line.role == CONSTRAINT]
     several = len(constraints) > MOST_NAMED
     entries: list[Artist] = []
+    goal: Artist = Patch(facecolor=ALLOWED, edgecolor=style.GREEN, linestyle="--", label=GOAL)
     for line in lines:
         above = float(np.nanmax(line.values, initial=0.0, where=np.isfinite(line.values))) + 1.0
         below = float(np.nanmin(line.values, initial=0.0, where=np.isfinite(line.values))) - 1.0
@@ -253,8 +261,9 @@ def draw_lines(axis: Axes, lines: Sequence[Line], window: Window) -> list[Artist
                 np.ptp(line.x) / (window[1] - window[0]), np.ptp(line.y) / (window[3] - window[2])
             )
             if size < SMALL:
-                middle = np.mean(line.x), np.mean(line.y)
-                axis.plot(*middle, "+", color=style.GREEN, zorder=5, **MARK)
+                middle = [np.mean(line.x)], [np.mean(line.y)]
+                (goal,) = axis.plot(*middle, "+", color=style.GREEN, zorder=5, **MARK)
+                goal.set_label(GOAL)
         else:
             area = axis.contourf(
                 line.x,
@@ -270,7 +279,7 @@ def draw_lines(axis: Axes, lines: Sequence[Line], window: Window) -> list[Artist
             look = line_look(0 if several else line.place)
         axis.contour(
             line.x, line.y, values, levels=[0.0], colors=[look["color"]],
-            linestyles=[look["linestyle"]], linewidths=look["linewidth"], zorder=1.5,
+            linestyles=[look["linestyle"]], linewidths=look["linewidth"], zorder=2.2,
         )  # fmt: skip
         if line.role == CONSTRAINT and not several:
             entries.append(Line2D([], [], label=line.name.replace("_", " "), **look))
@@ -288,5 +297,5 @@ def draw_lines(axis: Axes, lines: Sequence[Line], window: Window) -> list[Artist
             )
         )
     if len(constraints) < len(lines):
-        entries.append(Patch(facecolor=ALLOWED, edgecolor=style.GREEN, linestyle="--", label=GOAL))
+        entries.append(goal)
     return entries

@@ -16,7 +16,7 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.simulation.result import Result
 from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.settings import Outcome
-from holdfast.maths.definitions.region import GOAL, Circle, Segment
+from holdfast.maths.definitions.region import GOAL, WALLS, Circle, Segment
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.planning.obstacles import kept_points
 from holdfast.presentation.figures import level_sets, style
@@ -194,7 +194,8 @@ def _scene(result: Result) -> list[dict[str, Any]]:
     """The walls, targets and circles of the scene, each role named once."""
     values = parameter_values(result.parameters)
     looks = {
-        "target": {"color": style.BLACK, "width": 5}, "wall": {"color": style.GREY, "width": 2},
+        "target": {"color": style.BLACK, "width": 5},
+        **{role: {"color": style.GREY, "width": 2} for role in WALLS},
         "goals": {"color": style.BLUE, "width": 1.3, "dash": "dash"},
     }  # fmt: skip
     traces: list[dict[str, Any]] = []

@@ -19,6 +19,7 @@ from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
 from holdfast._version import __version__
 from holdfast.execution.simulation.settings import OUTCOMES, Outcome
+from holdfast.maths.definitions.region import WALLS
 from holdfast.presentation.figures import style
 
 WIDTH, QUALITY = 1100, 82
@@ -73,7 +74,7 @@ def explorer_page(data: Mapping[str, Any]) -> str:
 
     look = {
         "outcomes": {OUTCOMES[o]: style.OUTCOMES[o] for o in Outcome},
-        "lines": style.LINES, "version": __version__, "dashes": style.DASHES,
+        "lines": style.LINES, "version": __version__, "dashes": style.DASHES, "walls": WALLS,
         "outcome_dashes": [style.OUTCOME_DASHES[o] for o in Outcome],
     }  # fmt: skip
     return rendered(

@@ -14,7 +14,7 @@ from holdfast.analysis.decomposition.parts_law import PartsPromise
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.equilibria import RestingState
-from holdfast.analysis.safety.validation import Promise, Trials
+from holdfast.analysis.safety.promise import Promise, Trials
 
 
 def parts_text(
@@ -149,6 +149,9 @@ def value_text(
     lines.append(f"  converged      {_converged(value)}")
     if report.ends_reached:
         lines.append(f"  touches        {report.ends_reached}: may depend on extrapolation")
+    if report.disputed_share:
+        disputed = f"{100 * report.disputed_share:.2g} % of the set"
+        lines.append(f"  disputed       {disputed}: won by a scheme of first order alone")
     lines += [f"  {name:<15}{shown}" for name, shown in _worth(value)]
     lines.append(
         f"  march          {report.steps:,} steps, {report.scheme}, order {report.order}, "

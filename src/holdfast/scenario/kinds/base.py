@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.errors import ScenarioError
 from holdfast.host.files import make_folder, saved, write_summary
-from holdfast.maths.definitions.value import Printed
+from holdfast.maths.definitions.value import Printed, unchanging
 
 if TYPE_CHECKING:
     from holdfast.analysis.online.safety_filter import SafetyFilter
@@ -35,6 +35,11 @@ class Composed(Printed, ABC):
     kind: str
     remark: str | None = None
     """What is known before the run and answers the question; None: nobody asked."""
+
+    def __post_init__(self) -> None:
+        """Its tables do not change."""
+        for f in fields(self):  # type: ignore[arg-type]
+            object.__setattr__(self, f.name, unchanging(getattr(self, f.name)))
 
     def _lines(self) -> tuple[str, list[str], list[str]]:
         parts = [

@@ -149,7 +149,7 @@ class Scenario(Composed):
         """
         commander = commander_of(self.file, self.model, self.law, self.controller)
         law = self.kept(progress).law
-        with at(self.file, "run"):
+        with at(self.file, "run", self.text):
             return simulate(
                 self.system,
                 law,

@@ -13,8 +13,9 @@ from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.posed_march import finer
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.safety.promise import Promise
 from holdfast.analysis.safety.safety_filter import FORMER
-from holdfast.analysis.safety.validation import Promise, check_promise, default_promise
+from holdfast.analysis.safety.validation import check_promise, default_promise
 from holdfast.analysis.simulation.law_comparison import Entry
 from holdfast.errors import RenamedWarning, ScenarioError, SimulationError
 from holdfast.execution.resources import Progress, check_trials
@@ -72,7 +73,7 @@ class KernelScenario(SetScenario):
         about: tuple[Region | None, ...] = (self.about,)
         if self.kind == "capture-basin":
             about = (self.goal, self.region)
-        with at(self.file, "march"):
+        with at(self.file, "march", self.text):
             value = ASKED[self.kind](
                 self.system, *about, self.grid, self.horizon, progress=progress, **self.options
             )

@@ -25,7 +25,7 @@ from holdfast.analysis.simulation.law_comparison import Entry
 from holdfast.errors import ScenarioError, SimulationError
 from holdfast.execution.resources import Progress
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.region import Region, drawn_shapes
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.scenario.build.kernel import Apart
@@ -83,10 +83,13 @@ class SetScenario(Composed):
 
     @property
     def drawn_around(self) -> dict[str, Any]:
-        """Of its figures: the shapes of the region and of what the set leads to, and parameters."""
+        """Of its figures: the shapes of the region and of what the set leads to, the inequalities
+        within which it leads there, and parameters."""
         regions = [r for r in (self.region, self.goal, self.origin) if r is not None]
+        within = None if self.region is self.about else self.region
+        about = (shape for r in regions if r is not within for shape in r.scene)
         return {
-            "scene": tuple(shape for r in regions for shape in r.scene),
+            "scene": (*about, *drawn_shapes(within, None)),
             "parameters": {q.name: q.value for r in regions for q in r.parameters},
         }
 
@@ -164,6 +167,7 @@ class PartsScenario(SetScenario):
     apart: Apart
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.inner:
             raise ScenarioError(
                 f"{self.file}: march.inner: of a set that is put together", remedy="leave it out"

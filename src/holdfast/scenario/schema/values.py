@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import inspect
 import itertools
+import math
+import re
+import tomllib
 import types
 import typing
 import warnings
@@ -22,6 +25,7 @@ import pydantic
 import sympy as sp
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     StringConstraints,
@@ -32,9 +36,15 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from holdfast.arguments import Least, Two, Unit, UnitsOf, hints_of
+from holdfast.arguments import Least, Says, Two, Unit, UnitsOf, hints_of
 from holdfast.errors import HoldfastError, RenamedWarning, ScenarioError, suggestion
-from holdfast.maths.definitions.quantity import Parameter, to_si
+from holdfast.maths.definitions.quantity import (
+    Parameter,
+    in_base_units,
+    is_unit,
+    split,
+    to_si,
+)
 from holdfast.maths.definitions.system import FlatOutput
 from holdfast.maths.definitions.value import content
 from holdfast.maths.expressions.parser import parse_formula
@@ -60,6 +70,17 @@ def _two(what: str) -> WrapValidator:
             raise PydanticCustomError(PAIR, "two " + what) from None
 
     return WrapValidator(check)
+
+
+def _text(what: str) -> BeforeValidator:
+    """Answer what is no text with what the text says."""
+
+    def check(value: object) -> object:
+        if not isinstance(value, str):
+            raise PydanticCustomError("text", what)
+        return value
+
+    return BeforeValidator(check)
 
 
 # TOML has arrays only, which strict checking would refuse for a tuple
@@ -218,6 +239,8 @@ def _written(hint: Any, meaning: Meaning) -> Any:
                 written = Annotated[written, Field(ge=extra.value)]
             elif isinstance(extra, Two):
                 written = Annotated[tuple[float, float], _Array, _two(f"numbers [{extra.names}]")]
+            elif isinstance(extra, Says):
+                written = Annotated[written, _text(extra.what)]
         return written
     one_of = origin in (Union, types.UnionType)
     if not one_of and not (isinstance(origin, type) and issubclass(origin, Mapping | Sequence)):
@@ -300,16 +323,14 @@ S = TypeVar("S", bound=Section)
 
 
 @contextmanager
-def at(file: str, key: str) -> Iterator[None]:
-    """Prefix every error raised inside with the file and the key."""
+def at(file: str, key: str, text: str = "") -> Iterator[None]:
+    """Prefix every error raised inside with the file and the key; text: that of the file."""
     try:
         yield
-    except ScenarioError as error:
-        if str(error).startswith(f"{file}: "):
-            raise
-        raise _placed(file, key, error) from None
     except HoldfastError as error:
-        raise _placed(file, key, error) from None
+        if isinstance(error, ScenarioError) and str(error).startswith(f"{file}: "):
+            raise
+        raise as_written(_placed(file, key, error), tomllib.loads(text)) from None
 
 
 def _placed(file: str, key: str, error: HoldfastError) -> ScenarioError:
@@ -317,6 +338,56 @@ def _placed(file: str, key: str, error: HoldfastError) -> ScenarioError:
     return ScenarioError(
         f"{file}: {key}: {error.cause}", expected=error.expected, remedy=error.remedy
     )
+
+
+def as_written(error: ScenarioError, data: object) -> ScenarioError:
+    """The error with the numbers that it shows as its place in the file has them, in other units.
+
+    Of a table, those of the keys that the error names.
+    """
+    key, _, said = error.cause.partition(": ")[2].partition(": ")
+    for part in key.split("."):
+        if isinstance(data, list) and part.isdecimal() and int(part) < len(data):
+            data = data[int(part)]
+        elif isinstance(data, Mapping) and part in data:
+            data = data[part]
+        else:
+            return error
+    names = set(re.findall(r"\w+", said))
+    shown = [float(n) for n in re.findall(r"(?<![\w.])-?\d+\.?\d*(?:e[-+]?\d+)?(?!\w)", said)]
+    texts = [
+        f"{place} = {text}" if place else text
+        for place, text, numbers in _in_other_units(data, "")
+        if any(math.isclose(n, s, rel_tol=PRINTED) for n in numbers for s in shown)
+        and names.issuperset(re.findall(r"\w+\Z|\d+", place))
+    ]
+    if not texts:
+        return error
+    cause = f"{error.cause}, written as {' and '.join(texts)}"
+    return ScenarioError(cause, expected=error.expected, remedy=error.remedy)
+
+
+PRINTED = 5e-3
+"""The relative error of a number with three digits."""
+
+
+def _in_other_units(value: object, place: str) -> Iterator[tuple[str, str, list[float]]]:
+    """Places, texts and numbers in the SI of values that have another number there."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            yield from _in_other_units(part, f"{place}.{name}" if place else str(name))
+        return
+    entries = value if isinstance(value, list) else [value]
+    if any(isinstance(e, list | Mapping) for e in entries):
+        for number, part in enumerate(entries):
+            yield from _in_other_units(part, f"{place}.{number}" if place else str(number))
+        return
+    written = [(e, split(e)) for e in entries if isinstance(e, str)]
+    units = [(e, parts[0]) for e, parts in written if parts and parts[1] and is_unit(parts[1])]
+    numbers = [n for e, as_is in units if (n := in_base_units(e)) != as_is]
+    if numbers:
+        texts = ", ".join(f'"{e}"' if isinstance(e, str) else str(e) for e in entries)
+        yield place, f"[{texts}]" if entries is value else texts, numbers
 
 
 def validated(model: type[S], data: object, file: str, prefix: str = "") -> S:
@@ -359,7 +430,7 @@ def _complaint(
     shown = repr(error["input"])
     return ScenarioError(
         f"{file}: {key}: got {shown if len(shown) < 80 else shown[:77] + '...'}",
-        expected=error["msg"].replace("Input should be ", ""),
+        expected=error["msg"].replace("Input should be ", "").replace("a valid string", "text"),
     )
 
 

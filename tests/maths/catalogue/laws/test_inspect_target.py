@@ -19,6 +19,7 @@ def data(inspection):
     return inspection.run().dataset
 
 
+@pytest.mark.heavy
 def test_every_start_arrives_at_the_pose_with_a_fifth_of_the_thrust(data):
     assert (data["outcome"].values == hf.Outcome.REACHED).all()
     assert np.abs(data["state"].values[:, -1, :2] - [-0.5, 0.0]).max() < 0.03

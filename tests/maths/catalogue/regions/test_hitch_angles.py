@@ -7,6 +7,7 @@ import holdfast as hf
 from holdfast.errors import DefinitionError
 
 
+@pytest.mark.heavy
 def test_filter_keeps_every_trailer_from_jack_knifing_and_the_law_alone_does_not():
     """Scenario `trailer-off-axle`: beyond 45 deg 0 of 302 with the filter, 21 of 302 without it."""
     scenario = hf.load_scenario("trailer-off-axle")

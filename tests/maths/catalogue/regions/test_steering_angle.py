@@ -7,6 +7,7 @@ import holdfast as hf
 from holdfast.errors import DefinitionError
 
 
+@pytest.mark.heavy
 def test_filter_keeps_the_steering_angle_while_every_car_arrives():
     """Scenario `car-limits`: 502 of 502 within 35 deg, 1 m/s and 1 rad/s; the law alone 452."""
     scenario = hf.load_scenario("car-limits")

@@ -1,5 +1,8 @@
 """The catalogue of reference fields; membership in `ALL` enrols an entry in the tests."""
 
+from typing import TYPE_CHECKING
+
+from holdfast.errors import refused_attribute
 from holdfast.maths.catalogue.fields.charge_pair import charge_pair
 from holdfast.maths.catalogue.fields.dipolar import dipolar
 from holdfast.maths.catalogue.fields.dipole_in_current import dipole_in_current
@@ -16,3 +19,6 @@ __all__ = [
     "dipole_like",
     "electric_dipole",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = refused_attribute("holdfast.fields", [f.__name__ for f in ALL])

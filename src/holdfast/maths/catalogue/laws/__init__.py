@@ -1,5 +1,8 @@
 """The catalogue of laws: a verb each; membership in `ALL` enrols it in the tests."""
 
+from typing import TYPE_CHECKING
+
+from holdfast.errors import refused_attribute
 from holdfast.maths.catalogue.laws.driftless import (
     align_unicycle,
     follow_integrator,
@@ -76,3 +79,6 @@ __all__ = [
     "steer_unicycle",
     "weathervane",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = refused_attribute("holdfast.laws", [f.__name__ for f in ALL])

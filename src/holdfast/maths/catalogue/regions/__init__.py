@@ -1,5 +1,8 @@
 """The catalogue of regions; membership in `ALL` enrols an entry in the tests."""
 
+from typing import TYPE_CHECKING
+
+from holdfast.errors import refused_attribute
 from holdfast.maths.catalogue.regions.camera_and_lasers import camera_and_lasers
 from holdfast.maths.catalogue.regions.camera_view import camera_view
 from holdfast.maths.catalogue.regions.hitch_angles import hitch_angles
@@ -33,3 +36,6 @@ __all__ = [
     "near_pose",
     "steering_angle",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = refused_attribute("holdfast.regions", [f.__name__ for f in ALL])

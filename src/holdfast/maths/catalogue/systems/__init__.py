@@ -1,5 +1,8 @@
 """The catalogue of systems: a noun each; membership in `ALL` enrols it in the tests."""
 
+from typing import TYPE_CHECKING
+
+from holdfast.errors import refused_attribute
 from holdfast.maths.catalogue.systems.car import car, front_axle_car
 from holdfast.maths.catalogue.systems.chain import chain
 from holdfast.maths.catalogue.systems.drifting_unicycle import drifting_unicycle
@@ -44,3 +47,6 @@ __all__ = [
     "tractor_trailer",
     "unicycle",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = refused_attribute("holdfast.systems", [f.__name__ for f in ALL])

@@ -70,7 +70,7 @@ function lookAround() {
 function fit() {
   const v = page.sceneNow, corners = [boxOf(planeX), boxOf(planeY)], ends = ({ at, kind }) => (kind === "Segment"
     ? [[v[at], v[at + 1]], [v[at + 2], v[at + 3]]] : [[v[at] - v[at + 2], v[at + 1] - v[at + 2]], [v[at] + v[at + 2], v[at + 1] + v[at + 2]]]);
-  const fixed = (v ? data.scene : []).filter((s) => s.kind === "Segment" || s.kind === "Circle"), targets = fixed.filter((s) => s.role !== "wall");
+  const fixed = (v ? data.scene : []).filter((s) => s.kind === "Segment" || s.kind === "Circle"), targets = fixed.filter((s) => !data.look.walls.includes(s.role));
   const points = [...data.starts.flatMap((s) => poses().map(({ place: [i, j] }) => [s[i], s[j]])), ...(targets.length ? targets : fixed).flatMap(ends)];
   if (corners[0] && corners[1]) for (const k of [0, 1]) points.push([corners[0][k], corners[1][k]]);
   for (const { xy } of [...page.fan, ...(page.run ? [pathOf(page.run)] : [])]) {

@@ -254,7 +254,7 @@ class Plane {
     for (const { kind, role, at } of page.data.scene) {
       const v = numbers.subarray(at);
       c.lineWidth = role === "target" ? 5 : 1.6;
-      c.strokeStyle = role === "wall" ? look.wall : role === "goals" ? look.goals : look.text;
+      c.strokeStyle = page.data.look.walls.includes(role) ? look.wall : role === "goals" ? look.goals : look.text;
       if (kind === "Segment" && !fill) {
         this.line([v[0], v[1], v[2], v[3]], c.strokeStyle, c.lineWidth);
       } else if (kind === "Circle" && !fill) {
