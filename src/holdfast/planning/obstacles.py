@@ -146,11 +146,7 @@ def polygon_of(name: str, corners: Corners) -> shapely.Polygon:
         )
     if not all(math.isfinite(c) for p in points for c in p):
         raise DefinitionError(f"a corner of polygon '{name}' is not finite")
-    if not shapely.LinearRing(points).is_simple:
-        raise DefinitionError(
-            f"sides of polygon '{name}' cross or touch", expected="corners in order"
-        )
-    if shapely.Polygon(points).area <= 0 and len(set(points)) == len(points):
+    if shapely.MultiPoint(points).convex_hull.area <= 0 and len(set(points)) == len(points):
         raise DefinitionError(f"polygon '{name}' has no area")
     if len(set(points)) != len(points):
         raise DefinitionError(f"polygon '{name}' has a corner twice", expected="each corner once")

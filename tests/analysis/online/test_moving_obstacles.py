@@ -356,7 +356,7 @@ def test_a_filter_with_obstacles_is_a_value(guard):
         (lambda r: hf.SafetyFilter(r, obstacles=hf.Obstacles(2, lead=0)), "give a lead"),
         (lambda r: hf.SafetyFilter(r, obstacles=hf.Obstacles(2, lead=0.2, speed=0.5)),
          "obstacles of 0.5 m/s are faster than the 0.4 m/s"),
-        (lambda r: hf.Obstacles(2, hull=[(0, 0), (1, 1), (1, 0), (0, 1)]), "'hull' cross or touch"),
+        (lambda r: hf.Obstacles(2, hull=[(0, 0), (1, 1), (1, 0), (0, 1)]), "polygon 'hull': self-intersection"),
         (lambda r: hf.Obstacles(2, hull=[(0, 0), (1, 1)]), "a radius, three or more corners"),
         (lambda r: hf.Obstacles(2, hull=-1.0), "the radius of the hull is -1 m"),
         (lambda r: hf.Obstacles(2, clearance=float("nan")), "clearance is nan"),
@@ -368,7 +368,7 @@ def test_a_filter_with_obstacles_is_a_value(guard):
         (lambda r: hf.Obstacle.disc((1, 2), 1, age=-1), "age of an obstacle is -1"),
         (lambda r: hf.Obstacle.disc((1, 2), -1), "radius of an obstacle is below 0"),
         (lambda r: hf.Obstacle.ellipse((1, 2), (-1, 1)), "half axes are -1 and 1"),
-        (lambda r: hf.Obstacle.polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), "cross or touch"),
+        (lambda r: hf.Obstacle.polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), "self-intersection"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_one_line(robot, make, says):
