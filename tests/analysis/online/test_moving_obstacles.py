@@ -356,7 +356,7 @@ def test_a_filter_with_obstacles_is_a_value(guard):
         (lambda r: hf.SafetyFilter(r, obstacles=hf.Obstacles(2, lead=0)), "give a lead"),
         (lambda r: hf.SafetyFilter(r, obstacles=hf.Obstacles(2, lead=0.2, speed=0.5)),
          "obstacles of 0.5 m/s are faster than the 0.4 m/s"),
-        (lambda r: hf.Obstacles(2, hull=[(0, 0), (1, 1), (1, 0), (0, 1)]), "polygon 'hull': self-intersection"),
+        (lambda r: hf.Obstacles(2, hull=[(0, 0), (1, 1), (1, 0), (0, 1)]), "'hull': self-intersection"),
         (lambda r: hf.Obstacles(2, hull=[(0, 0), (1, 1)]), "a radius, three or more corners"),
         (lambda r: hf.Obstacles(2, hull=-1.0), "the radius of the hull is -1 m"),
         (lambda r: hf.Obstacles(2, clearance=float("nan")), "clearance is nan"),
