@@ -38,7 +38,7 @@ Parts = tuple[tuple[tuple[tuple[float, float], ...], float], ...]
 class Clearing(Value):
     """How a filter keeps clear of obstacles that `step` is given: `hf.Obstacles` has the words.
 
-    speed [m/s]: of the fastest obstacle; after `of`, what turning evades.
+    speed [m/s]: of the fastest obstacle. evaded [m/s]: the speed of obstacles that turning evades.
     """
 
     most: int
@@ -48,6 +48,7 @@ class Clearing(Value):
     clearance: float = 0.0
     position: tuple[str, str] = ("x", "y")
     heading: str | None = None
+    evaded: float = math.inf
 
     def __post_init__(self) -> None:
         if not (isinstance(self.most, int) and 1 <= self.most <= MOST):
@@ -59,8 +60,8 @@ class Clearing(Value):
         return self.most * sum(len(corners) for corners, _ in self.parts)
 
     def of(self, system: System) -> Clearing:
-        """The same with a heading, with the lead that a hull of one disc needs, and with the speed
-        of obstacles that turning evades, infinite where the vehicle needs no turn.
+        """The same with a heading, with the lead that a hull of one disc needs, and with what
+        turning evades.
 
         Raises `DefinitionError` for names that are no states, and where no lead is at hand or the
         lead is too short for the speed.
@@ -95,7 +96,9 @@ class Clearing(Value):
                 f"turning moves the hull of '{system.name}' aside",
                 remedy="a longer lead" if lead is not None else "",
             )
-        return Clearing(self.most, parts, lead, evaded, self.clearance, self.position, heading)
+        return Clearing(
+            self.most, parts, lead, self.speed, self.clearance, self.position, heading, evaded
+        )
 
     def law(
         self,

@@ -427,7 +427,6 @@ class SafetyFilter(Remade):
             assert guard is not None
             assert guard.repeated is not None
             self._slots = ObstacleSlots(system, guard.repeated)
-            self._evaded = clearing.speed or math.inf
         self._count = self._of_many = 0
         self._fallback = fallback_of(system, fallback)
         self._made = made
@@ -518,7 +517,8 @@ class SafetyFilter(Remade):
         found = slots.fill(row[: len(self.system.states)], obstacles)
         row[len(row) - len(slots.pairs) :] = slots.pairs
         around = obstacles.copy() if isinstance(obstacles, np.ndarray) else tuple(obstacles)
-        return Near(slots.near.copy(), found, around, self._evaded)
+        assert self.clearing is not None
+        return Near(slots.near.copy(), found, around, self.clearing.evaded)
 
     @property
     def _pairs_handed(self) -> int:
