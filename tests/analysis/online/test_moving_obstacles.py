@@ -453,3 +453,58 @@ def test_what_is_said_of_a_region_that_moves_is_of_the_time(robot):
     assert early.value == pytest.approx(2.0)
     assert late.value == pytest.approx(0.4)
     assert "0.4 m away; with the command held it would have been violated in 0.33 s" in late.why
+
+
+# -- beside the other options of a filter -----------------------------------------------------
+
+BUOY = hf.Obstacle.disc((1.0, 0.1), 0.4, name="buoy")
+
+
+def test_a_current_that_is_not_known_is_counted_with_its_worst():
+    """Between what is asked in still water and in the worst current lies what it may do."""
+    boat, clear = hf.systems.drifting_unicycle(), hf.Obstacles(2, lead=0.25)
+    still = hf.SafetyFilter(boat, obstacles=clear)
+    careful = hf.SafetyFilter(boat, obstacles=clear, worst=boat.disturbance_names)
+    told = hf.SafetyFilter(boat, obstacles=clear, disturbance_measured=True)
+    rows = [
+        f.step([0, 0, 0], [1, 0], obstacles=[BUOY], **more).conditions[12:15]
+        for f, more in ((still, {}), (careful, {}), (told, {"disturbance": (0.3, -0.4)}))
+    ]
+    normal = rows[0][:2]
+    assert all(row[:2] == pytest.approx(normal) for row in rows)
+    assert rows[0][2] - rows[1][2] == pytest.approx(0.5)  # |current| <= .5 m/s, along the normal
+    assert abs(rows[2][2] - rows[0][2]) <= 0.5
+
+
+def test_limits_of_rates_are_harder_than_what_moves(robot):
+    keep = hf.SafetyFilter(robot, obstacles=hf.Obstacles(2, lead=0.25), rates={"v": 1.0})
+    first = keep.step([0, 0, 0], [1, 0], obstacles=[BUOY])
+    second = keep.step([0, 0, 0], [1, 0], obstacles=[BUOY])
+    assert abs(first.input[0]) <= 0.02 + 1e-12
+    assert abs(second.input[0] - first.input[0]) <= 0.02 + 1e-12
+
+
+def test_the_velocities_may_be_estimated_and_the_pose_may_not(boat):
+    clear = hf.Obstacles(2, lead=0.3)
+    keep = hf.SafetyFilter(
+        boat, obstacles=clear, gains=(0.6, 3), states=("x", "y", "psi"), bandwidth=4.0
+    )
+    assert keep.step([0, 0, 0], [1, 0], obstacles=[BUOY]).status.value == "changed"
+    point = hf.System(
+        "point", (hf.Quantity("x"), hf.Quantity("y")), (hf.Quantity("u"), hf.Quantity("w")),
+        {"x": hf.symbol("u"), "y": hf.symbol("w")},
+    )  # fmt: skip
+    with pytest.raises(HoldfastError, match="'y' is not measured, and obstacles are kept clear of"):
+        hf.SafetyFilter(point, obstacles=2, states=("x",))
+
+
+def test_a_point_without_a_heading_needs_no_lead():
+    point = hf.System(
+        "point", (hf.Quantity("x"), hf.Quantity("y")), (hf.Quantity("u"), hf.Quantity("w")),
+        {"x": hf.symbol("u"), "y": hf.symbol("w")}, input_bounds=hf.Box((-1, -1), (1, 1)),
+    )  # fmt: skip
+    keep = hf.SafetyFilter(point, obstacles=hf.Obstacles(2, clearance=0.1), gains=(1, 4))
+    told = keep.step([0, 0], [1, 0], obstacles=[hf.Obstacle.disc((1, 0), 0.4)])
+    assert told.clearances["obstacle 1"] == pytest.approx(0.5)
+    assert told.input == pytest.approx([0.5, 0])
+    assert told.too_fast == ()

@@ -380,6 +380,7 @@ class SafetyFilter(Remade):
         clearing = None
         if obstacles is not None:
             clearing = (Clearing(obstacles) if isinstance(obstacles, int) else obstacles).of(system)
+            check_pose(clearing, system.state_names if states is None else states)
         self.clearing = clearing
         made = filter_of(
             system, keep, delay=delay, ahead=ahead, sample_time=self.sample_time, rate=rate,
@@ -422,7 +423,6 @@ class SafetyFilter(Remade):
             self._program, measured, felt, system.input_names, self._pairs_handed
         )  # fmt: skip
         if clearing is not None:
-            check_pose(clearing, measured)
             guard = made.law.safeguard
             assert guard is not None
             assert guard.repeated is not None
