@@ -19,7 +19,8 @@ by half of it in the mean, and a velocity that is known to w may be another by w
 
 share: the part of a condition that this vehicle meets where the obstacle is another one that
 filters too. With a half each the sum of both is the whole condition, while each answers for the
-derivative of its own motion.
+derivative of its own motion. A vehicle whose own derivative is not known, in an unknown current or
+with uncertain parameters, or whose later inputs act, meets the whole condition.
 """
 
 from __future__ import annotations
@@ -118,12 +119,12 @@ def pair_conditions(
     )
     (asked,) = asked_of(beside, apart, (), worst, disturbance_measured, box)
     own = None
-    if asked.later is None and not box.uncertain:
+    if asked.later is None and not box.uncertain and not worst:
         own = _own_part(system, asked, place)
-    rows = []
-    for normal, offset, order in asked.rows:
-        rows.append((normal, _shared(asked, offset, order, own)))
-    return PairConditions(tuple(rows), asked.orders)
+    rows = tuple(
+        (normal, _shared(asked, offset, order, own)) for normal, offset, order in asked.rows
+    )
+    return PairConditions(rows, asked.orders)
 
 
 def both_ways(
