@@ -39,7 +39,7 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select, sgn
 from holdfast.maths.expressions.random_points import is_zero
-from holdfast.maths.expressions.traversal import derivatives, exchanged, symbols_of
+from holdfast.maths.expressions.traversal import at_numbers, derivatives, exchanged, symbols_of
 
 
 @checked
@@ -136,11 +136,12 @@ def _branches(
     """The two expressions whose larger one is `expression`, for a kink that it increases with."""
     for kink in sorted(expression.atoms(greatest, magnitude), key=sp.default_sort_key):
         inner = sp.Dummy(real=True)
-        slope = expression.xreplace({kink: inner}).diff(inner).subs(values)
+        (smooth,) = exchanged([expression], {kink: inner})
+        slope = at_numbers(derivatives(smooth, [inner])[inner], values)
         if slope.is_number and slope > 0:
             a = kink.args[0]
             b = kink.args[1] if isinstance(kink, greatest) else -a
-            yield expression.xreplace({kink: a}), expression.xreplace({kink: b})
+            yield exchanged([expression], {kink: a})[0], exchanged([expression], {kink: b})[0]
 
 
 def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
@@ -174,7 +175,7 @@ def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
     return ViabilityCondition(
         name=name,
         value=value,
-        gradient=tuple(value.diff(q.symbol) for q in system.states),
+        gradient=tuple(derivatives(value, [q.symbol for q in system.states]).values()),
         rate=undriven,
         effect=effect,
         carried=carried,
@@ -311,7 +312,7 @@ def _later_condition(system: System, c: ViabilityCondition, value: sp.Expr) -> V
     return ViabilityCondition(
         name=c.name,
         value=value,
-        gradient=tuple(value.diff(q.symbol) for q in system.states),
+        gradient=tuple(derivatives(value, [q.symbol for q in system.states]).values()),
         rate=drift,
         effect=effect,
         carried=carried,

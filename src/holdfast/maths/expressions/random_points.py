@@ -16,6 +16,8 @@ import mpmath
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.expressions.functions import Frozen, RealFunction
+from holdfast.maths.expressions.traversal import exchanged, parts, symbols_of
 
 _DIGITS = 50
 _TRIALS, _WANTED = 60, 6
@@ -105,12 +107,15 @@ class Sampler:
 def is_zero(expression: sp.Expr) -> bool:
     """Whether the expression is zero for all values of its symbols.
 
-    A random point where it is not zero decides at once; else `simplify` does, which takes long.
+    Random points where it is not zero decide at once; else `simplify` does, which takes long. What
+    is `Frozen` may be any number there.
     """
     if expression.is_Number:
         return bool(expression == 0)
-    sampler = Sampler({}, [expression])
-    if sampler.nonzero(expression, sampler.point(expression.free_symbols)):
+    frozen = [e for e in parts([expression]) if isinstance(e, Frozen)]
+    (tried,) = exchanged([expression], {e: sp.Dummy(real=True) for e in frozen})
+    sampler, free = Sampler({}, [tried]), symbols_of([tried])
+    if any(sampler.nonzero(tried, sampler.point(free, k)) for k in range(_WANTED)):
         return False
     return sp.simplify(expression) == 0
 
@@ -186,9 +191,10 @@ def _applied(e: sp.Basic, parts: Sequence[Bounded], at: Mapping[sp.Symbol, sp.Ex
     if not mpmath.isfinite(value):
         return _NONE
     size = abs(value)
-    for argument, part, (_, s) in zip(arguments, e.args, parts, strict=True):
+    for i, (argument, part, (_, s)) in enumerate(zip(arguments, e.args, parts, strict=True)):
         if s != 0 and not part.is_number:
-            slope = f.diff(argument)
+            unit = [sp.Integer(j == i) for j in range(len(parts))]
+            slope = f.slope(unit) if isinstance(f, RealFunction) else f.diff(argument)
             if slope.has(sp.Derivative, sp.Subs):
                 return _NONE
             size += abs(value_at(slope, here)) * s
