@@ -40,6 +40,7 @@ from holdfast.maths.expressions.functions import angle, greatest, length, select
 from holdfast.maths.formations.walls import (
     Place,
     corner_to_sight,
+    passing_distance,
     separation,
     signed_distance,
 )
@@ -63,20 +64,20 @@ DRAWN = 0.01
 
 @dataclass
 class _View:
-    """One target: its inequalities, each with its smooth pieces."""
+    """One target: its inequalities, each with its smooth pieces, and their values."""
 
     inequalities: list[tuple[Inequality, list[sp.Expr]]] = field(default_factory=list)
+    values: list[sp.Expr] = field(default_factory=list)
 
     def add(
-        self, name: str, pieces: list[sp.Expr], unit: str, scale: float, description: str
-    ) -> None:
+        self, name: str, pieces: list[sp.Expr], unit: str, scale: float, description: str,
+        value: sp.Expr | None = None,
+    ) -> None:  # fmt: skip
+        """value: the greatest of the pieces, where it has a shorter form without derivatives."""
         inequality = Inequality(name, reduce(greatest, pieces), unit, description, scale)
         self.inequalities.append((inequality, pieces))
-
-    @property
-    def worst(self) -> sp.Expr:
-        """The greatest of all, each in its scale."""
-        return reduce(greatest, [c.scaled for c, _ in self.inequalities])
+        value = inequality.expression if value is None else value
+        self.values.append(value / sp.Float(scale))
 
 
 @checked
@@ -172,9 +173,9 @@ def targets_in_view(
             parts = convex_parts(polygon)
             for label, part in zip(numbered(of, len(parts)), parts, strict=True):
                 clear = parameter("sight_clearance", "m", clearance, "distance of a line of sight")
-                pieces = _past(vehicle, target, part, of, clear, size)
+                pieces, value = _past(vehicle, target, part, of, clear, size)
                 text = f"line of sight to {name}, past {of}"
-                view.add(f"{name}_past_{label}", pieces, "m", size, text)
+                view.add(f"{name}_past_{label}", pieces, "m", size, text, value)
         if half_angle is not None:
             alpha = parameter("view_half_angle", "rad", half_angle, "half angle of the view")
             off = wrap(angle(away[1], away[0], GUARD**2) - direction)
@@ -212,8 +213,11 @@ def targets_in_view(
 
 def _past(
     vehicle: Place, target: Place, part: shapely.Polygon, name: str, clearance: sp.Expr, size: float
-) -> list[sp.Expr]:
-    """The smooth pieces of the clearance less d_j; where the polygon is in the way, d_j is one."""
+) -> tuple[list[sp.Expr], sp.Expr]:
+    """The smooth pieces of the clearance less d_j, and the greatest of them.
+
+    Where the polygon is in the way, one of them is the greatest.
+    """
     sides = [sp.Float(c) for c in sides_of(part)]
     corners = [(sides[k], sides[k + 1]) for k in range(0, len(sides), 4)]
     if len(corners) >= MOST_PIECES:
@@ -223,14 +227,12 @@ def _past(
             remedy="leave out corners, or divide it",
         )
     gap = separation(vehicle, target, sides)
-    first = select(gap, clearance - signed_distance(vehicle, sides), clearance - gap)
-    return [
-        first,
-        *(
-            select(gap, clearance - corner_to_sight(vehicle, target, corner), -sp.Float(size))
-            for corner in corners
-        ),
+    pieces = [select(gap, clearance - signed_distance(vehicle, sides), clearance - gap)]
+    pieces += [
+        select(gap, clearance - corner_to_sight(vehicle, target, corner), -sp.Float(size))
+        for corner in corners
     ]
+    return pieces, clearance - passing_distance(vehicle, target, sides)
 
 
 def _of_the_best(views: Sequence[_View], count: int) -> list[Inequality]:
@@ -241,7 +243,7 @@ def _of_the_best(views: Sequence[_View], count: int) -> list[Inequality]:
             for view in views
             for c, _ in view.inequalities
         ]
-    worst = [view.worst for view in views]
+    worst = [reduce(greatest, view.values) for view in views]
     chosen = []
     for i, view in enumerate(views):
         better = [

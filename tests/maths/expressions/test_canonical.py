@@ -73,6 +73,7 @@ def test_derivatives_of_all_that_a_definition_may_use_are_made_of_the_same():
         "nearest_face",
         "nearest_to_sight",
         "separating_sides",
+        "passing",
     }  # with walls: elsewhere
     for name, function in FUNCTIONS.items():
         if name in of_numbers:

@@ -286,6 +286,26 @@ def wider_separation(
     )
 
 
+@Function
+def nearer_past(
+    ax: Value, ay: Value, bx: Value, by: Value, px: Value, py: Value, qx: Value, qy: Value,
+    first: Value, side: Value, left: Value, right: Value, corner: Value, end: Value,
+) -> tuple[Value, ...]:  # fmt: skip
+    """How far the line from a to b passes this wall, if that is nearer than before."""
+    dx, dy = qx - px, qy - py
+    size = root(dx * dx + dy * dy)
+    of_a = ((ax - px) * dy - (ay - py) * dx) / size
+    of_b = ((bx - px) * dy - (by - py) * dx) / size
+    side = greatest(side, least(of_a, of_b))
+    turned = turn(ax, ay, bx, by, px, py)
+    _, from_line = foot(px, py, ax, ay, bx, by)
+    _, from_end = foot(ax, ay, px, py, qx, qy)
+    return (
+        first, side, least(left, turned), least(right, -turned),
+        least(corner, from_line), least(end, from_end),
+    )  # fmt: skip
+
+
 nearest_on_walls = OverWalls("nearest_on_walls", nearer_on_walls, lambda x, y: (INFINITE, x, y))
 """The point of the walls that is nearest to (x, y)."""
 
@@ -320,6 +340,18 @@ convex polygon, counterclockwise.
 (x, y), (nx, ny): the beginning and the outward normal of the side from which the nearer end of the
 line, 0 for a, 1 for b, is farthest; (lx, ly): the corner least to the left of the line, at twice
 the area `left`; (rx, ry): least to its right, at `right`.
+"""
+
+passing = OverWalls(
+    "passing", nearer_past,
+    lambda ax, ay, bx, by: (0.0, -INFINITE, INFINITE, INFINITE, INFINITE, INFINITE), points=4,
+)  # fmt: skip
+"""(side, left, right, corner, end): how far the line from a to b passes a convex polygon,
+counterclockwise.
+
+side: the largest distance of both its ends from the outside of a side; left, right: twice the least
+area to a corner, if all are on that side of the line; corner, end: the squares of the least
+distances of a corner to the line, and of a to the polygon.
 """
 
 
@@ -359,7 +391,7 @@ _ALGEBRAIC = frozenset(
 
 _PICKED = {
     function.name: function
-    for function in (nearest_on_walls, nearest_to_sight, nearest_face, separating_sides)
+    for function in (nearest_on_walls, nearest_to_sight, nearest_face, separating_sides, passing)
 }
 """Functions of some coordinates and of walls, of whose results the first argument picks one."""
 

@@ -134,7 +134,7 @@ def _branches(
     expression: sp.Expr, values: Mapping[sp.Symbol, float]
 ) -> Iterator[tuple[sp.Expr, sp.Expr]]:
     """The two expressions whose larger one is `expression`, for a kink that it increases with."""
-    for kink in sorted(expression.atoms(greatest, magnitude), key=sp.default_sort_key):
+    for kink in sorted(_kinks(expression, greatest, magnitude), key=sp.default_sort_key):
         inner = sp.Dummy(real=True)
         (smooth,) = exchanged([expression], {kink: inner})
         slope = at_numbers(derivatives(smooth, [inner])[inner], values)
@@ -142,6 +142,18 @@ def _branches(
             a = kink.args[0]
             b = kink.args[1] if isinstance(kink, greatest) else -a
             yield exchanged([expression], {kink: a})[0], exchanged([expression], {kink: b})[0]
+
+
+def _kinks(expression: sp.Expr, *kinds: type[sp.Expr]) -> list[sp.Expr]:
+    """The parts of these kinds, each once, without those that only decide between two branches."""
+    seen: dict[sp.Basic, None] = {}
+    waiting: list[sp.Basic] = [expression]
+    while waiting:
+        part = waiting.pop()
+        if part not in seen:
+            seen[part] = None
+            waiting += part.args[1:] if isinstance(part, select) else part.args
+    return [part for part in seen if isinstance(part, kinds)]
 
 
 def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
@@ -185,9 +197,7 @@ def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
         by_input=by_input,
         ties=tuple(
             k.args[0] - k.args[1] if isinstance(k, (least, greatest)) else k.args[0]
-            for k in sorted(
-                value.atoms(least, greatest, magnitude, select, sgn), key=sp.default_sort_key
-            )
+            for k in _kinks(value, least, greatest, magnitude, select, sgn)
         ),
     )
 

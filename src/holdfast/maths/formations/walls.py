@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from holdfast.maths.expressions.functions import Frozen, greatest, length, magnitude, select
+from holdfast.maths.expressions.functions import Frozen, greatest, least, length, magnitude, select
 from holdfast.maths.reference_fields.dipole import UNSEEN
 
 
@@ -43,6 +43,15 @@ class separating_sides(Frozen):
     for b; 1, 2: the beginning of that side; 3, 4: its outward unit normal; 6, 7: the corner
     farthest to the right of the line; 9, 10: farthest to its left. 5, 8: twice the areas to which
     the line spans these two, the second with the sign changed.
+    """
+
+
+class passing(Frozen):
+    """passing(k, ax, ay, bx, by, *ends): how far the line from a to b passes a convex polygon.
+
+    k = 0: the largest distance of both ends from the outside of a side; 1, 2: twice the least area
+    to a corner, if all are to the left, or to the right; 3, 4: the squares of the least distances
+    of a corner to the line, and of a to the polygon.
     """
 
 
@@ -98,6 +107,16 @@ def corner_to_sight(one: Place, other: Place, corner: Place) -> sp.Expr:
         length(x - ax, y - ay, UNSEEN),
         select(beyond, length(x - bx, y - by, UNSEEN), magnitude(_offset(one, other, corner))),
     )
+
+
+def passing_distance(one: Place, other: Place, ends: Sequence[sp.Expr]) -> sp.Expr:
+    """The distance of the line to a convex polygon, but for its end at the other point; where they
+    meet, `separation`. It is a number when it is differentiated.
+    """
+    side, left, right, corner, end = (passing(k, *one, *other, *ends) for k in range(5))
+    (ax, ay), (bx, by) = one, other
+    gap = greatest(greatest(left, right) / sp.sqrt((bx - ax) ** 2 + (by - ay) ** 2 + UNSEEN), side)
+    return select(gap, sp.sqrt(least(corner, end)), gap)
 
 
 def _offset(one: Place, other: Place, point: Place) -> sp.Expr:
