@@ -39,7 +39,13 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select, sgn
 from holdfast.maths.expressions.random_points import is_zero
-from holdfast.maths.expressions.traversal import at_numbers, derivatives, exchanged, symbols_of
+from holdfast.maths.expressions.traversal import (
+    at_numbers,
+    derivatives,
+    exchanged,
+    parts,
+    symbols_of,
+)
 
 
 @checked
@@ -134,14 +140,29 @@ def _branches(
     expression: sp.Expr, values: Mapping[sp.Symbol, float]
 ) -> Iterator[tuple[sp.Expr, sp.Expr]]:
     """The two expressions whose larger one is `expression`, for a kink that it increases with."""
-    for kink in sorted(_kinks(expression, greatest, magnitude), key=sp.default_sort_key):
+    kinks = sorted(_kinks(expression, greatest, magnitude), key=sp.default_sort_key)
+    if kinks and kinks[0] == expression:
+        yield _sides(expression)
+        return
+    decided = {  # a condition of the states is no number, whatever it is
+        e.args[0]: sp.Dummy(real=True)
+        for e in parts([expression])
+        if isinstance(e, select) and symbols_of([e.args[0]]) - values.keys()
+    }
+    short, *shorter = exchanged([expression, *kinks], decided)
+    for kink, of_short in zip(kinks, shorter, strict=True):
         inner = sp.Dummy(real=True)
-        (smooth,) = exchanged([expression], {kink: inner})
+        (smooth,) = exchanged([short], {of_short: inner})
         slope = at_numbers(derivatives(smooth, [inner])[inner], values)
         if slope.is_number and slope > 0:
-            a = kink.args[0]
-            b = kink.args[1] if isinstance(kink, greatest) else -a
-            yield exchanged([expression], {kink: a})[0], exchanged([expression], {kink: b})[0]
+            a, b = (exchanged([expression], {kink: side})[0] for side in _sides(kink))
+            yield a, b
+
+
+def _sides(kink: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """The two expressions whose larger one is the kink."""
+    a = kink.args[0]
+    return a, kink.args[1] if isinstance(kink, greatest) else -a
 
 
 def _kinks(expression: sp.Expr, *kinds: type[sp.Expr]) -> list[sp.Expr]:
