@@ -7,10 +7,11 @@ import pytest
 import shapely
 
 import holdfast as hf
-from holdfast.errors import DefinitionError
+from holdfast.errors import DefinitionError, ScenarioError
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.expressions.random_points import is_zero
 from holdfast.maths.formations.walls import passing_distance, separation
+from tests.c_code import built, needs_gcc, pointer
 
 WALL = [(0, 0.8), (2, 0.8), (2, 1.1), (0.3, 1.1), (0.3, 2.3), (0, 2.3)]
 PILLAR = [(0.6, -1.1), (1.4, -1.1), (1.4, -0.3), (0.6, -0.3)]
@@ -228,3 +229,101 @@ def test_a_camera_that_cannot_pan_is_refused(robot):
         DefinitionError, match="has a quantity 'psi' already; give the camera another"
     ):
         hf.panning(robot, 1.0, name="psi")
+
+
+# -- closed loops -----------------------------------------------------------------------------------
+
+
+def test_a_filter_that_asks_for_the_best_target_may_doubt_where_another_is_kept():
+    """A stream of 1 m/s carries a raft from one lamp to another: it is in range of the first, and
+    nearer to it, but cannot stay there. The status says so, although the set is kept."""
+    b = hf.symbol("b")
+    raft = hf.System(
+        "raft",
+        (hf.Quantity("x", "m"), hf.Quantity("y", "m")),
+        (hf.Quantity("b", "m/s"),),
+        {"x": hf.symbol("stream"), "y": b},
+        parameters=(hf.Parameter("stream", "m/s", value=1.0),),
+        input_bounds=hf.Box((-1,), (1,)),
+    )
+    lamps = {"first": (-1.5, 0.0), "second": (1.6, 0.0)}
+    region = hf.targets_in_view(raft, lamps, at_least=1, range_max=2.0)
+    keep = hf.SafetyFilter(raft, region, gains=(1.0, 4.0), sample_time=0.02)
+    boat, statuses, values = hf.Plant(raft, [0.0, 0.0]), [], []
+    for _ in range(100):
+        decision = keep.step(boat.state, [0.0])
+        statuses.append(decision.status)
+        values.append(decision.value)
+        boat.step(decision.input)
+    assert statuses[0] is hf.Status.INFEASIBLE
+    assert statuses[-1] is hf.Status.PASSED
+    assert min(values) > 0
+
+
+@pytest.mark.heavy
+@needs_gcc
+def test_the_filter_of_a_view_in_c_has_the_same_bits(robot, tmp_path):
+    view = hf.targets_in_view(
+        robot, {"a": LAMP, "b": (-3.0, 1.0)}, {"pillar": PILLAR}, at_least=1, half_angle=1.0
+    )
+    keep = hf.SafetyFilter(robot, view)
+    states = np.column_stack([PLACES[:1000], np.linspace(-9, 9, 1000)])
+    commands = np.random.default_rng(1).normal(size=(1000, 2))
+    decided = keep.step_many(states, commands)
+    c = built(tmp_path, keep.export_c("keep") + ONE, "keep")
+    for k in range(1000):
+        answer = np.zeros(4)
+        c.one(pointer(states[k].copy()), pointer(commands[k].copy()), pointer(answer))
+        assert answer[:2].tolist() == decided.input[k].tolist()
+
+
+ONE = """
+void one(const double *seen, const double *handed, double *answer) {
+    keep_state s;
+    keep_start(&s);
+    keep_step(&s, 0.0, 0.02, seen, handed, keep_parameters, answer, answer + 2);
+}
+"""
+
+
+def test_keys_of_a_view_are_those_of_the_function_and_refusals_name_their_place():
+    plain = hf.load_scenario("sight-pillars", ["safeguard="])
+    assert plain.region.inequality_names[:2] == ("lamp_past_pillar", "lamp_past_wall_1")
+    with pytest.raises(
+        ScenarioError, match=r"region.view: target 'lamp' is inside polygon 'pillar'"
+    ):
+        hf.load_scenario("sight-pillars", ["region.view.targets.lamp=[1, -1]"])
+    with pytest.raises(ScenarioError, match=r"region.view: at_least is 2; expected a whole number"):
+        hf.load_scenario("sight-pillars", ["region.view.at_least=2"])
+    with pytest.raises(ScenarioError, match=r"system.pan: rate of 'pan' is -1"):
+        hf.load_scenario("sight-landmarks", ["system.pan=-1"])
+    moved = hf.load_scenario(
+        "sight-pillars", ["safeguard=", 'region.view.targets.lamp=["410 cm", "0"]']
+    )
+    assert moved.region.inequality_names == plain.region.inequality_names
+
+
+@pytest.mark.heavy
+def test_a_robot_behind_a_pillar_keeps_its_lamp_from_200_of_200_starts():
+    result = hf.load_scenario("sight-pillars").run()
+    assert result.viable == 200
+    assert result.summary()["safeguard"]["runs_relaxed"] == 0
+    assert hf.load_scenario("sight-pillars", ["safeguard="]).run().viable == 0
+
+
+@pytest.mark.heavy
+def test_a_camera_that_pans_keeps_two_of_three_landmarks_from_200_of_200_starts():
+    result = hf.load_scenario("sight-landmarks").run()
+    assert result.viable == 200
+    assert result.summary()["safeguard"]["runs_relaxed"] == 0
+    assert hf.load_scenario("sight-landmarks", ["safeguard="]).run().viable == 6
+
+
+@pytest.mark.heavy
+def test_a_craft_that_cannot_stop_keeps_its_lamp_from_all_of_450_starts_a_cell_inside():
+    summary = hf.load_scenario("sight-kernel").run().summary()["promise"]
+    assert summary["outcome"] == "confirmed from inside"
+    (deep,), (inside, edge) = summary["inside"], summary["layers"]
+    assert (deep["count"], deep["runs"]) == (300, 300)
+    assert (inside["count"], inside["runs"]) == (150, 150)
+    assert (edge["count"], edge["runs"]) == (149, 150)
