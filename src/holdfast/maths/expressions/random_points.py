@@ -17,7 +17,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.expressions.functions import Frozen, RealFunction, select
-from holdfast.maths.expressions.traversal import symbols_of
+from holdfast.maths.expressions.traversal import parts, symbols_of
 
 _DIGITS = 50
 _TRIALS, _WANTED = 60, 6
@@ -108,7 +108,7 @@ def is_zero(expression: sp.Expr) -> bool:
     """Whether the expression is zero for all values of its symbols.
 
     Random points where it is not zero decide at once; else `simplify` does, which takes long. There
-    what is `Frozen` may be any number, and both branches of a `select` count.
+    what is `Frozen` may be any number, and where it decides, both branches of a `select` count.
     """
     if expression.is_Number:
         return bool(expression == 0)
@@ -120,7 +120,7 @@ def is_zero(expression: sp.Expr) -> bool:
 
 
 def _of_all_branches(expression: sp.Expr) -> sp.Expr:
-    """With a number in the place of what is frozen, and a sum of both branches of a `select`.
+    """With a number in the place of what is frozen, and a sum of the branches that it decides.
 
     The weights are above 0, and those of the same condition are the same.
     """
@@ -130,7 +130,7 @@ def _of_all_branches(expression: sp.Expr) -> sp.Expr:
     def made(e: sp.Basic) -> sp.Basic:
         if isinstance(e, Frozen):
             return sp.Dummy(real=True)
-        if isinstance(e, select):
+        if isinstance(e, select) and any(isinstance(p, Frozen) for p in parts([e.args[0]])):
             condition, *cases = e.args
             if condition not in weights:
                 weights[condition] = [sp.Dummy(real=True) ** 2 for _ in cases]
