@@ -251,6 +251,12 @@ FUNCTIONS = {
         "system": hf.systems.unicycle(), "polygons": {"pier": [[0, 0], [1, 0], [0, 1]]}, "room": None, "clearance": 0.1,
         "position": ("x", "y"),
     },
+    "targets_in_view": lambda: {
+        "system": hf.panning(hf.systems.unicycle(), 1.0), "targets": {"lamp": (2.0, 2.0)},
+        "polygons": {"pier": [[0, 0], [1, 0], [0, 1]]}, "room": None, "at_least": 1, "clearance": 0.1, "half_angle": 0.5,
+        "range_min": 0.1, "range_max": 5.0, "heading": "psi", "pan": "pan", "pan_limit": 2.0, "position": ("x", "y"),
+    },
+    "panning": lambda: {"system": hf.systems.unicycle(), "rate": 1.0, "name": "pan"},
     "observe_set": lambda: {
         "system": line(), "law": push_law(), "measured": ["x"], "bandwidth": 2.0,
         "error_bounds": {"x": 0.1}, "rate_bounds": {"d": 0.1},

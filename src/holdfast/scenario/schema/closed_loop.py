@@ -56,6 +56,22 @@ class ObstaclesSpec(Section):
     position: Plane = ("x", "y")
 
 
+class ViewSpec(Section):
+    """targets: name -> place, expressions of the states or lengths [m]; the other keys are those of
+    `targets_in_view`, past the obstacles and the room of the region."""
+
+    targets: dict[Name, Point]
+    at_least: int | None = None
+    clearance: Value = 0.0
+    half_angle: Value | None = None
+    range_min: Value | None = None
+    range_max: Value | None = None
+    heading: Name = "psi"
+    pan: Name | None = None
+    pan_limit: Value | None = None
+    position: Plane = ("x", "y")
+
+
 class RunSpec(Section, of=[Settings], without=["noise_uniform", "noise_normal", "threads"]):
     """[run]: the settings of the simulation; noise is in [noise], and threads are of a machine."""
 
