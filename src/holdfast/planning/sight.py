@@ -197,7 +197,9 @@ def targets_in_view(
             Inequality("pan_right", -turned - most, "rad", "camera within its limit, right"),
         ]
     read = set().union(*(c.expression.free_symbols for c in inequalities))
-    scene: list[Shape] = [s for shape in shapes.values() for s in drawn_sides("obstacle", shape)]
+    scene: list[Shape] = []
+    for name, shape in shapes.items():
+        scene += drawn_sides("room" if name == "room" else "obstacle", shape)
     scene += [Circle("target", at, sp.Float(DRAWN * size)) for at in fixed.values()]
     if half_angle is not None:
         reach = sp.Float(size if range_max is None else range_max)
