@@ -19,6 +19,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import sympy as sp
 
 import holdfast as hf
 
@@ -274,6 +275,96 @@ def drive(vehicle, runs, *, filtered=True, growing=False, worlds=None, seed=0, m
     }
 
 
+def ridge(width, runs=200, cell=0.1, seed=0):
+    """A boat that sways from side to side in a corridor: runs and samples without an input.
+
+    The smooth field is w / 2 - sqrt(y^2 + cell^2) at the point P of the filter, the distance to the
+    nearer wall with its ridge rounded over a cell.
+    """
+    make, lead, gains, _ = VEHICLES["boat"]
+    boat = make()
+    q = {state.name: state.symbol for state in boat.states}
+    level = lead + RADIUS - width / 2 + sp.sqrt((q["y"] + lead * sp.sin(q["psi"])) ** 2 + cell**2)
+    field = hf.Region("field", boat.states[1:3], (hf.Inequality("field", level, "m"),))
+    cells = np.zeros((round(width / cell) + 4, 400))
+    cells[[0, 1, -1, -2]] = 100
+    walls = hf.OccupancyMap(cells, cell, (-10, -width / 2 - 2 * cell, 0), unknown="free")
+    random = np.random.default_rng(seed)
+    starts = np.zeros((runs, 6))
+    starts[:, 1] = random.uniform(-0.1, 0.1, runs)
+    phase = random.uniform(0, 2 * np.pi, runs)
+
+    def sway(t, states):
+        heading = 0.6 * np.sin(1.2 * t + phase)
+        turn = np.clip(2.0 * (heading - states[:, 2]) - 0.3 * states[:, 5], -0.4, 0.4)
+        return np.stack([np.full(len(states), 3.0), turn], axis=1)
+
+    answers = {}
+    by_field = hf.SafetyFilter(boat, field, gains=gains, sample_time=SAMPLE)
+    by_bodies = hf.SafetyFilter(
+        boat, obstacles=hf.Obstacles(10, hull=RADIUS, lead=lead), gains=gains, sample_time=SAMPLE
+    )
+    among = by_bodies.among(sway, lambda t, states: walls.near(states[:, :2], NEAR))
+    for name, law, command in (
+        ("smooth field", by_field.law, sway), ("bodies", by_bodies.law, among),
+    ):  # fmt: skip
+        result = hf.simulate(
+            boat, law, command=command, starts=starts, horizon=15.0, sample_time=SAMPLE,
+            record_every=0.1,
+        )  # fmt: skip
+        infeasible = result.arrays["infeasible"].values
+        place = result.arrays["state"].values
+        point = np.abs(place[:, :, 1] + lead * np.sin(place[:, :, 2])).max(axis=1)
+        answers[name] = {
+            "runs": int((infeasible > 0).sum()),
+            "samples": float(infeasible.mean() / (15.0 / SAMPLE)),
+            "least": float(width / 2 - lead - RADIUS - point.max()),
+        }
+    return answers
+
+
+def times():
+    """How long a map of 1,000 x 1,000 cells takes: a line for each thing."""
+    random = np.random.default_rng(1)
+    cells = random.random((1000, 1000)) < 0.001
+    cells[::60] = cells[:, ::60] = True
+    for wall in range(0, 1000, 60):
+        for room in range(0, 1000, 60):
+            door = room + int(random.integers(5, 40))
+            cells[wall, door : door + 12] = cells[door : door + 12, wall] = False
+    world = hf.OccupancyMap(cells, 0.05)
+    place = np.array([25.0, 25.0])
+
+    def timed(what, function, count=1):
+        """CPU time of this process, the median of so many."""
+        spent = []
+        for _ in range(count):
+            began = time.process_time()
+            function()
+            spent.append(time.process_time() - began)
+        print(f"{what}: {1e3 * float(np.median(spent)):.3f} ms", flush=True)
+
+    def patch():
+        return random.random((60, 60)) < 0.05
+
+    timed("all distances", lambda: world.distance([place]))
+    timed("all bodies", lambda: world.near(place, NEAR))
+    print(f"{len(world._convex())} bodies, {len(world.near(place, NEAR))} within {NEAR:g} m")
+    timed("near", lambda: world.near(place, NEAR), 200)
+    timed("a patch of 60 x 60, distances", lambda: world.update(patch(), 500, 300), 10)
+
+    def seen():
+        world.update(patch(), 500, 300)
+        world.near(place, NEAR)
+
+    timed("a patch of 60 x 60, distances and bodies", seen, 10)
+    keep = hf.SafetyFilter(
+        hf.systems.unicycle(), obstacles=hf.Obstacles(MOST, hull=RADIUS, lead=0.25), gains=(1, 4)
+    )
+    bodies = world.near(place, NEAR)
+    timed("step", lambda: keep.step([25.0, 25.0, 0.0], [1.0, 0.0], obstacles=bodies), 200)
+
+
 def said(vehicle, what, answer, runs):
     return (
         f"{vehicle:9s} {what:20s} hit {answer['hit']} of {runs} "
@@ -299,6 +390,18 @@ def main():
         write_map()
     for what in asked.what:
         began = time.perf_counter()
+        if what == "times":
+            times()
+            continue
+        if what == "ridge":
+            for width in (1.2, 1.6, 2.0):
+                for name, answer in ridge(width, asked.runs).items():
+                    print(
+                        f"corridor of {width:g} m, {name:12s} no input in {answer['runs']} of "
+                        f"{asked.runs} runs, {100 * answer['samples']:.2f} % of samples, least gap "
+                        f"{answer['least']:+.3f} m", flush=True,
+                    )  # fmt: skip
+            continue
         if asked.random:
             random = np.random.default_rng(asked.seed)
             worlds = [random_rooms(random) for _ in range(asked.random)]
