@@ -365,6 +365,45 @@ def times():
     timed("step", lambda: keep.step([25.0, 25.0, 0.0], [1.0, 0.0], obstacles=bodies), 200)
 
 
+def draw(path):
+    """The map, paths with the filter and without, and the bodies that are near one vehicle."""
+    import matplotlib.pyplot as plt
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Circle, Polygon
+
+    world, cells = hf.OccupancyMap.from_file(MAP), rooms()
+    shown = np.where(cells < 0, 1, np.where(cells > 0, 2, 0))
+    colours = ListedColormap(["white", "#c9c5bf", "#4d4943"])
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 5), layout="constrained")
+    for axes in (left, right):
+        axes.imshow(shown, cmap=colours, origin="lower", extent=(0, 20, 0, 20), vmin=0, vmax=2)
+        axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    answers = {f: drive("unicycle", 6, filtered=f, seed=3)["paths"] for f in (False, True)}
+    for filtered, colour, name in ((False, "#d55e00", "alone"), (True, "#0072b2", "filtered")):
+        paths = answers[filtered]
+        for k, run in enumerate(paths):
+            left.plot(*run.T, color=colour, lw=1.4, label=name if k == 0 else None)
+    left.plot(*answers[True][:, 0].T, "o", color="black", ms=4, label="start")
+    left.set(xlim=(-1, 21), ylim=(-1, 22.5), title="six robots, 30 s", xticks=range(0, 21, 5))
+    left.legend(loc="upper center", ncol=3, framealpha=1)
+    place, heading, lead = np.array([7.6, 9.0]), 0.9, VEHICLES["unicycle"][1]
+    ahead = place + lead * np.array([np.cos(heading), np.sin(heading)])
+    for k, body in enumerate(world.near(place, NEAR)):
+        outline = Polygon(
+            body.bodies[0][0], fill=False, ec="#0072b2", lw=1.6,
+            label="a body that is near" if k == 0 else None,
+        )  # fmt: skip
+        right.add_patch(outline)
+    right.add_patch(Circle(place, NEAR, fill=False, ec="black", ls=":", label="2.5 m"))
+    right.add_patch(
+        Circle(ahead, lead + RADIUS, fc="#e69f0055", ec="#e69f00", label="disc that keeps clear")
+    )
+    right.plot(*place, "o", color="black", ms=4, label="axle")
+    right.set(xlim=(4.2, 11.2), ylim=(5.6, 12.6), title="what the filter is given there")
+    right.legend(loc="lower right", framealpha=1)
+    figure.savefig(path, dpi=110)
+
+
 def said(vehicle, what, answer, runs):
     return (
         f"{vehicle:9s} {what:20s} hit {answer['hit']} of {runs} "
@@ -388,6 +427,7 @@ def main():
     asked = parser.parse_args()
     if asked.draw:
         write_map()
+        draw(ROOT / "docs" / "images" / "maps.png")
     for what in asked.what:
         began = time.perf_counter()
         if what == "times":

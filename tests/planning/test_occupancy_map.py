@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import doctest
+
+import maps
 import numpy as np
 import pytest
 import shapely
@@ -67,6 +70,16 @@ MAPS = [
     hf.OccupancyMap(slanted(4), 1.0, unknown="free"),
     hf.OccupancyMap(np.random.default_rng(5).random((30, 30)) < 0.3, 0.1),
 ]
+
+
+def test_examples_of_the_reference_run():
+    scope = {"hf": hf, "robot": hf.systems.unicycle()}
+    examples = doctest.DocTestFinder().find(hf.OccupancyMap, globs=scope)
+    said = []
+    for example in examples:
+        doctest.DocTestRunner().run(example, out=said.append)
+    assert not said
+    assert sum(bool(example.examples) for example in examples) == 6
 
 
 # -- distances --------------------------------------------------------------------------------
@@ -153,6 +166,13 @@ def test_walls_along_rows_have_bodies_without_anything_beyond():
     assert walls.intersection(straight).difference(cells.buffer(1e-9)).area == pytest.approx(0)
 
 
+def test_the_shipped_map_is_the_one_that_the_benchmark_draws():
+    cells = maps.rooms()
+    for unknown in ("free", "occupied"):
+        world = hf.OccupancyMap.from_file("examples/rooms.yaml", unknown=unknown)
+        assert (world.cells == ((cells > 0) | ((cells < 0) & (unknown == "occupied")))).all()
+
+
 @pytest.mark.parametrize("world", MAPS, ids=range(len(MAPS)))
 def test_near_leaves_out_no_cell_that_is_near(world):
     """Between what `near` gives and the place there is no occupied cell that it does not have."""
@@ -215,6 +235,22 @@ def test_a_filter_among_the_bodies_of_a_map_hits_no_cell_where_the_command_alone
         least[name] = shapely.distance(cells, shapely.points(paths)).min(axis=1) - 0.15
     assert (least["filtered"] > 0).all()
     assert (least["alone"] < 0).all()
+
+
+def test_a_command_along_a_wall_passes_where_a_disc_for_every_cell_slows_it_down():
+    cells = np.zeros((20, 100), dtype=bool)
+    cells[:2] = True
+    world, robot = hf.OccupancyMap(cells, 0.1, unknown="free"), hf.systems.unicycle()
+    keep = hf.SafetyFilter(robot, obstacles=hf.Obstacles(40, hull=0.15, lead=0.25), gains=(1, 4))
+    state = [5.0, 0.65, 0.0]
+    by_body = keep.step(state, [1.0, 0.0], obstacles=world.near(state[:2], within=2.0))
+    assert by_body.status is hf.Status.PASSED
+    row, column = np.nonzero(cells[1:2, 40:60])
+    half = 0.1 * np.sqrt(0.5)
+    discs = np.column_stack([0.1 * (column + 40.5), 0.1 * (row + 1.5), np.full(len(row), half)])
+    by_discs = keep.step(state, [1.0, 0.0], obstacles=discs)
+    assert by_discs.status is hf.Status.CHANGED
+    assert by_discs.input[0] < 0.7
 
 
 def test_a_place_in_a_wall_or_outside_is_an_obstacle_itself():

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import pyproj
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
@@ -25,17 +24,19 @@ class Chart:
     """Metres to the east and to the north of a place.
 
     latitude, longitude [degrees]: of the place that is (0, 0). Raises `DefinitionError` for one
-    that is nowhere.
-
-    >>> from holdfast.interop.charts import Chart
-    >>> harbour = Chart(63.44, 10.40)
-    >>> harbour.metres([[63.44, 10.41]]).round(1).tolist()
-    [[499.7, 0.0]]
+    that is nowhere, and where the package pyproj is not installed.
     """
 
     @checked
     def __init__(self, latitude: float, longitude: float) -> None:
         _check(np.array([[latitude, longitude]]), "the place of the chart")
+        try:
+            import pyproj
+        except ModuleNotFoundError:
+            raise DefinitionError(
+                "charts need the package pyproj",
+                remedy='python -m pip install "holdfast[interop]"',
+            ) from None
         self.latitude, self.longitude = float(latitude), float(longitude)
         plane = pyproj.CRS.from_dict(
             {"proj": "aeqd", "lat_0": latitude, "lon_0": longitude, "datum": "WGS84"}
@@ -54,9 +55,7 @@ class Chart:
     def degrees(self, points: npt.ArrayLike) -> Array:
         """Points x, y [m] as latitude and longitude [degrees], shapes (points, 2)."""
         rows = np.asarray(points, dtype=np.float64)
-        longitude, latitude = self._to_plane.transform(
-            rows[:, 0], rows[:, 1], direction=pyproj.enums.TransformDirection.INVERSE
-        )
+        longitude, latitude = self._to_plane.transform(rows[:, 0], rows[:, 1], direction="INVERSE")
         return np.stack([latitude, longitude], axis=1)
 
     @checked

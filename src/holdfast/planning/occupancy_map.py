@@ -148,7 +148,7 @@ class OccupancyMap:
         >>> hf.OccupancyMap.from_distances([[0.0, 1.0, 2.0]], 1.0).occupied([[1.5, 0.5]])
         array([False])
         """
-        field = np.asarray(distances, dtype=np.float64)
+        field = _numbers(distances)
         in_it = np.where(field <= resolution * math.sqrt(0.5), 100, 0)
         return cls(np.where(np.isnan(field), -1, in_it), resolution, origin, unknown=unknown)
 
@@ -207,7 +207,7 @@ class OccupancyMap:
         """Which of some cells count as occupied."""
         try:
             values = np.asarray(cells)
-        except ValueError:
+        except (ValueError, OverflowError):
             values = np.empty(0)
         if values.ndim != 2 or values.dtype.kind not in "biuf":
             raise DefinitionError(
@@ -233,7 +233,7 @@ class OccupancyMap:
 
     def _in_cells(self, points: npt.ArrayLike) -> Array:
         """Points in the axes of the cells with their border; shape (points, 2)."""
-        places = np.asarray(points, dtype=np.float64)
+        places = _numbers(points)
         if places.ndim != 2 or places.shape[1] != 2:
             raise DefinitionError(
                 f"points have the shape {places.shape}", expected="(points, 2): x, y [m]"
@@ -366,7 +366,7 @@ class OccupancyMap:
         """
         if not (math.isfinite(within) and within >= 0):
             raise DefinitionError(f"within is {within:g}", expected="m, 0 or more")
-        places = np.asarray(points, dtype=np.float64)
+        places = _numbers(points)
         one = places.ndim == 1
         places = places[np.newaxis] if one else places
         inside = self.occupied(places)
@@ -401,11 +401,12 @@ class OccupancyMap:
         """Convex polygons that cover all occupied cells, for `holdfast.obstacles`: name -> corners.
 
         Those of `near`, and rectangles of the cells that they leave. box: the ends of x and of y
-        [m]; of what does not touch it nothing is there.
+        [m]; of what does not touch it nothing is there. Raises `DefinitionError` for one that is
+        none.
 
         >>> island = hf.OccupancyMap([[0, 0, 0], [0, 100, 0], [0, 0, 0]], 1.0, unknown="free")
         >>> island.polygons()
-        {'map_1': ((1.0, 2.0), (1.0, 1.0), (2.0, 1.0), (2.0, 2.0))}
+        {'map_1': ((1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0))}
         """
         rings = outlines(self._cells)
         solid = zip(rings, enclosing(rings), strict=True)
@@ -413,7 +414,12 @@ class OccupancyMap:
         left = rectangles(uncovered(self._cells, shapes))
         placed = [self._placed(shape) for shape in (*shapes, *(shapely.box(*r) for r in left))]
         if box is not None:
-            (x0, x1), (y0, y1) = box
+            ends = _numbers(box)
+            if ends.shape != (2, 2) or not np.isfinite(ends).all():
+                raise DefinitionError(
+                    f"the box is {box!r}"[:80], expected="((x low, x high), (y low, y high)) [m]"
+                )
+            (x0, x1), (y0, y1) = ends.tolist()
             seen = shapely.box(x0, y0, x1, y1)
             placed = [shape for shape in placed if shape.intersects(seen)]
         return {f"map_{k}": _corners(shape) for k, shape in enumerate(placed, 1)}
@@ -430,6 +436,14 @@ def _transformed(cells: Truths) -> Array:
         return np.full(corners.shape, math.inf)
     distances: Array = distance_transform_edt(~corners)
     return distances
+
+
+def _numbers(values: npt.ArrayLike) -> Array:
+    """An array of numbers; empty where they are none."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return np.empty(0)
 
 
 def _corners(shape: shapely.Polygon) -> tuple[tuple[float, float], ...]:
