@@ -61,7 +61,7 @@ class OccupancyMap:
     >>> room.distance([[1.25, 0.75]]).round(3).tolist()
     [0.25]
     >>> [obstacle.name for obstacle in room.near([1.0, 1.0], within=0.6)]
-    ['body 1 of the map, at (0.75, 0.25)', 'body 2 of the map, at (0.25, 0.75)']
+    ['body 1 of the map, at (0.63, 0.63)']
     """
 
     @checked
