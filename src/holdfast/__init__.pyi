@@ -153,6 +153,7 @@ from .maths.reference_fields.field import Field as Field
 from .planning.moving_obstacles import Obstacle as Obstacle
 from .planning.moving_obstacles import Obstacles as Obstacles
 from .planning.obstacles import obstacles as obstacles
+from .planning.occupancy_map import OccupancyMap as OccupancyMap
 from .planning.sight import targets_in_view as targets_in_view
 from .presentation.figures.flow_lines import flow_lines_figure as flow_lines_figure
 from .presentation.figures.histories import histories_figure as histories_figure

@@ -401,6 +401,9 @@ CLASSES = {
         "quantities": (hf.Quantity("z"),), "initial": {"z": x}, "following": {"z": x}, "reads": (hf.Quantity("x"),),
         "inputs": (), "parameters": (),
     },
+    "OccupancyMap": lambda: {
+        "cells": [[0, 100]], "resolution": 0.5, "origin": (0.0, 0.0, 0.0), "unknown": "free", "occupied_thresh": 0.65, "free_thresh": 0.2,
+    },
     "Parameter": lambda: {"name": "k", "unit": "1", "description": "", "angle": False, "value": 1.0, "source": "", "assumed": False, "above": 0.0},
     "PfaffianRow": lambda: {"coefficients": {"x": x}, "rhs": 0},
     "Product": lambda: {"parts": (hf.Box((-1,), (1,)), hf.Ball(1, 2))},
@@ -421,6 +424,15 @@ CLASSES = {
 
 
 METHODS = {
+    "OccupancyMap.from_file": lambda: (hf.OccupancyMap, {"path": str(Path(__file__).parents[2] / "examples" / "rooms.yaml"), "unknown": "free"}),
+    "OccupancyMap.from_distances": lambda: (
+        hf.OccupancyMap, {"distances": [[0.0, 2.0]], "resolution": 0.5, "origin": (0.0, 0.0, 0.0), "unknown": "free"},
+    ),
+    "OccupancyMap.update": lambda: (some_map(), {"patch": [[100]], "row": 0, "column": 1}),
+    "OccupancyMap.occupied": lambda: (some_map(), {"points": [[0.1, 0.2]]}),
+    "OccupancyMap.distance": lambda: (some_map(), {"points": [[0.1, 0.2]]}),
+    "OccupancyMap.near": lambda: (some_map(), {"points": [0.1, 0.2], "within": 1.0}),
+    "OccupancyMap.polygons": lambda: (some_map(), {"box": ((0.0, 1.0), (0.0, 1.0))}),
     "CertifiedFilter.step": lambda: (hf.CertifiedFilter(certificate()), {"state": [1.2, 0.1], "command": [0.1, 0.2], "t": None, "disturbance": None}),
     "CertifiedFilter.step_many": lambda: (
         hf.CertifiedFilter(certificate()), {"states": [[1.2, 0.1]], "commands": [[0.1, 0.2]]},
@@ -470,6 +482,10 @@ METHODS = {
     "Box.contains": lambda: (hf.Box((-1,), (1,)), {"values": [0.1], "slack": 0.0}),
     "Box.saturate": lambda: (hf.Box((-1,), (1,)), {"values": [x]}),
 }  # fmt: skip
+
+
+def some_map():
+    return hf.OccupancyMap([[0, 100], [0, -1]], 0.5)
 
 
 @cache

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
@@ -21,13 +21,15 @@ import numpy as np
 
 from holdfast.analysis.online.certified_filter import CertifiedFilter
 from holdfast.analysis.online.controller import Given, numbers, time_of
-from holdfast.analysis.online.decision import Decision, DecisionRecord, Status
+from holdfast.analysis.online.decision import Decision, DecisionRecord, Obstructs, Status
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, SimulationError, check_name
 from holdfast.execution.arrays import Array
 
 Item = TypeVar("Item")
+
+Around = Callable[[Array], Sequence[Obstructs] | Array]
 
 AGAIN = 0.25
 """Seconds after which the sentence of an intervention that goes on is made again."""
@@ -40,7 +42,8 @@ class Relay:
     measurement or a command may be. Without a newer command the filter is asked about its
     `fallback` instead, so that the vehicle slows down inside its constraints; without a newer
     measurement the input is the `fallback`, and nothing is promised; afterwards an observer begins
-    anew.
+    anew. around: of a filter with obstacles, a function of the measured state, shape (states,), to
+    the obstacles near it.
 
     All times are those of one clock, in seconds: that of the receiver. The clock is read at
     decisions. A measurement or a command has the time at which it was taken or received, which may
@@ -49,7 +52,8 @@ class Relay:
     reached counts as that of the next decision. Where a decision is earlier than the one before,
     the clock was set back: what was received before counts no more, because its age is not known.
 
-    Raises `SimulationError` for a patience that is not positive; its methods do for wrong names or
+    Raises `SimulationError` for a patience that is not positive, and for obstacles without a filter
+    of them, or the other way round; its methods do for wrong names or
     shapes, for measured disturbances that are missing, and for times that are not finite.
 
     >>> relay = hf.Relay(hf.SafetyFilter(cart, track))
@@ -60,7 +64,20 @@ class Relay:
     """
 
     @checked
-    def __init__(self, keep: SafetyFilter | CertifiedFilter, *, patience: float = 0.25) -> None:
+    def __init__(
+        self,
+        keep: SafetyFilter | CertifiedFilter,
+        *,
+        patience: float = 0.25,
+        around: Around | None = None,
+    ) -> None:
+        clears = isinstance(keep, SafetyFilter) and keep.clearing is not None
+        if clears != (around is not None):
+            raise SimulationError(
+                f"the filter keeps clear of {'obstacles' if clears else 'no obstacles'}",
+                expected=f"{'a' if clears else 'no'} source of obstacles (around)",
+            )
+        self._around = around
         if not (math.isfinite(patience) and patience > 0):
             raise SimulationError(f"patience is {patience}", expected="seconds, above 0")
         self.keep, self.patience = keep, float(patience)
@@ -129,7 +146,11 @@ class Relay:
         felt = self._felt
         if felt is None and self.keep.measured_disturbances:
             felt = np.zeros(len(self.keep.measured_disturbances))
-        return self.keep.step(state, command, t=now - self._began, disturbance=felt)
+        t = now - self._began
+        if self._around is not None and isinstance(self.keep, SafetyFilter):
+            near = self._around(state)
+            return self.keep.step(state, command, t=t, disturbance=felt, obstacles=near)
+        return self.keep.step(state, command, t=t, disturbance=felt)
 
     def _advance(self, now: float) -> float:
         """The clock, checked; where it was set back, what was received before counts no more."""
