@@ -105,6 +105,7 @@ from .maths.definitions.bounds import Ball as Ball
 from .maths.definitions.bounds import Box as Box
 from .maths.definitions.bounds import LinearImage as LinearImage
 from .maths.definitions.bounds import Product as Product
+from .maths.definitions.compose_systems import relative_system as relative_system
 from .maths.definitions.compose_systems import renamed as renamed
 from .maths.definitions.compose_systems import seen_from as seen_from
 from .maths.definitions.compose_systems import side_by_side as side_by_side
