@@ -36,6 +36,7 @@ from .analysis.online.decision import Decision as Decision
 from .analysis.online.decision import DecisionRecord as DecisionRecord
 from .analysis.online.decision import Decisions as Decisions
 from .analysis.online.decision import Status as Status
+from .analysis.online.pair_kernel import PairKernel as PairKernel
 from .analysis.online.relay import Relay as Relay
 from .analysis.online.safety_filter import SafetyFilter as SafetyFilter
 from .analysis.reachability.grid import Grid as Grid
