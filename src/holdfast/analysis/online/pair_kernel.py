@@ -8,9 +8,9 @@ vehicles and other obstacles that answer becomes a row of the inputs,
     (w - u) . (v - u) <= 0     in units of the scales, for the input v
 
 whose nearest point to w is u. So for one vehicle alone the input is that answer. Where others
-change it as well, each kernel is asked again at the input that meets all rows, and adds a row, until
-each agrees: an input that is given as admissible has been looked up in every kernel. Where some
-kernel does not agree the decision is INFEASIBLE, and names the vehicle.
+change it as well, each kernel is asked again at the input that meets all rows, and adds a row,
+until each agrees: an input that is given as admissible has been looked up in every kernel. Where
+some kernel does not agree the decision is INFEASIBLE, and names the vehicle.
 
 Beyond the `reach` no condition is needed: a vehicle from outside passes a ring in which W is above
 the level that is kept, and there the kernel takes over.
@@ -33,7 +33,7 @@ from holdfast.analysis.online.obstacle_slots import Clearing, ObstacleSlots
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.problem import definition
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.analysis.safety.safety_filter import decided, kept_law
+from holdfast.analysis.safety.safety_filter import decided, lookup_of, usual_pace
 from holdfast.analysis.safety.sampled_value import moves_of, points_of, sampled_value
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, PromiseFellShortWarning, SimulationError
@@ -44,7 +44,9 @@ from holdfast.execution.obstacle_pairs import FAR, PAIR
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.settings import RK4
 from holdfast.maths.control.moving_obstacles import ROW_ITSELF
+from holdfast.maths.control.value_filter import keep_sampled_value
 from holdfast.maths.control.velocity_tracking import commanded
+from holdfast.maths.definitions.bounds import Ball, Bounds, Product
 from holdfast.maths.definitions.compose_systems import relative_system
 from holdfast.maths.definitions.law import Safeguard
 from holdfast.maths.definitions.system import System
@@ -53,7 +55,9 @@ from holdfast.maths.definitions.value import Value
 ROUNDS = 6
 """How often each kernel is asked at a sample."""
 AGREED = 1e-6  # of the scales, by which an answer may differ from what it was asked of
-APART = 1.05  # of the largest speed at which two vehicles near each other at the nodes
+APART = 1.05  # of the largest speed at which two vehicles near each other
+DIRECTIONS = 64  # in which the largest speed of a vehicle is sought
+NODES = 2000  # at which that speed is computed
 
 
 @checked
@@ -166,7 +170,7 @@ class PairKernel(Value):
     # -- where the vehicles are
 
     @cached_property
-    def _places(self) -> tuple[list[int], int, list[int], bool]:
+    def indices(self) -> tuple[list[int], int, list[int], bool]:
         """Of our states those of the place, the heading (-1: none) and the others; whether the
         other vehicle has a heading."""
         names = list(self.ours.state_names)
@@ -182,7 +186,7 @@ class PairKernel(Value):
 
         Raises `SimulationError` for another number of further states.
         """
-        (i, j), heading, further, turned = self._places
+        (i, j), heading, further, turned = self.indices
         angle = float(state[heading]) if heading >= 0 else 0.0
         dx, dy = other[0] - float(state[i]), other[1] - float(state[j])
         cos, sin = math.cos(angle), math.sin(angle)
@@ -202,18 +206,23 @@ class PairKernel(Value):
 
 def largest_speed(system: System, position: tuple[str, str]) -> float:
     """The largest speed of a vehicle whose inputs are velocities [m/s]; NaN for any other."""
-    bounds = system.input_bounds
-    if bounds is None:
+    if system.input_bounds is None:
         return math.nan
     numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
-    numbers |= {q.symbol: sp.S.Zero for q in (*system.states, *system.disturbances)}
+    bounds = system.input_bounds.at(numbers)
+    still = numbers | {q.symbol: sp.S.Zero for q in (*system.states, *system.disturbances)}
+    rates = [system.rates[n].xreplace(still) for n in position]
+    inputs = [q.symbol for q in system.inputs]
+    gains = [[rate.diff(u) for u in inputs] for rate in rates]
+    drift = [rate.xreplace(dict.fromkeys(inputs, sp.S.Zero)) for rate in rates]
+    if not all(e.is_number for e in (*drift, *gains[0], *gains[1])):
+        return math.nan
     most = 0.0
-    for point in points_of(bounds, len(system.inputs)):
-        values = dict(zip((q.symbol for q in system.inputs), point, strict=True))
-        rates = [system.rates[n].xreplace(values).xreplace(numbers) for n in position]
-        if not all(rate.is_number for rate in rates):
-            return math.nan
-        most = max(most, math.hypot(*map(float, rates)))
+    for k in range(DIRECTIONS):
+        cos, sin = math.cos(2 * math.pi * k / DIRECTIONS), math.sin(2 * math.pi * k / DIRECTIONS)
+        along = [float(cos * a + sin * b) for a, b in zip(*gains, strict=True)]
+        moved = float(cos * drift[0] + sin * drift[1])
+        most = max(most, moved + bounds.support_value(along))
     return most or math.nan
 
 
@@ -239,26 +248,31 @@ class Keeper:
         axes = tuple(replace(a, ends="limited") if k < 2 else a for k, a in enumerate(grid.axes))
         value = replace(kernel.value, grid=Grid(axes), games={})
         self.scales = scales
-        command = commanded(relative)
-        made = kept_law(
-            relative, value, command, sample_time=sample_time,
-            scales=dict(zip(relative.input_names, scales.tolist(), strict=True)),
-        )  # fmt: skip
-        game = sampled_value(relative, value, sample_time)
-        if game is None or not made.stays:
+        model = replace(relative, disturbance_bounds=_around(relative.disturbance_bounds))
+        game = sampled_value(model, value, sample_time)
+        if game is None:
+            raise DefinitionError(
+                "the game of the two vehicles with held inputs takes too long",
+                expected="fewer nodes, or fewer inputs of both",
+            )
+        if not game.stays:
             warnings.warn(
                 f"the kernel of two vehicles is not kept in trial runs with inputs that are held "
                 f"for {sample_time:g} s",
                 PromiseFellShortWarning,
                 stacklevel=7,
             )
+        self.level = level = game.possible_margin(sample_time, 0.0)
+        law = keep_sampled_value(
+            model, commanded(relative), game.lookup(lookup_of(value), sample_time),
+            points=game.points, disturbances=game.moves, errors=game.errors, beyond=game.beyond,
+            rate=usual_pace(sample_time), margin=level,
+            scales=dict(zip(relative.input_names, scales.tolist(), strict=True)),
+        )  # fmt: skip
         program = closed_loop_program(
-            relative, made.law, region=None, goal=None, disturbance={}, stepper=RK4
+            model, law, region=None, goal=None, disturbance={}, stepper=RK4
         )
         self._samples = ControlSamples(program, sample_time)
-        self.level = level = next(
-            float(p.value) for p in made.law.parameters if p.name == "safety_margin"
-        )
         nearing = APART * _nearing(relative, value)
         least = min(min(-a.low, a.high) for a in grid.axes[:2])
         self.reach = least - nearing * sample_time
@@ -266,8 +280,7 @@ class Keeper:
         ahead, left = np.meshgrid(*(a.nodes for a in grid.axes[:2]), indexing="ij", sparse=True)
         cell = math.hypot(*(a.step for a in grid.axes[:2]))
         ring = np.hypot(ahead, left) >= self.reach - nearing * sample_time - cell
-        table = value.in_memory().values() if game is None else game.table.reshape(grid.shape)
-        if not float(table[ring].min()) > level:
+        if not float(game.table.reshape(grid.shape)[ring].min()) > level:
             raise DefinitionError(
                 f"what held inputs keep of the kernel does not reach a ring {self.reach:.3g} m "
                 "around the vehicle",
@@ -291,6 +304,17 @@ class Keeper:
         changed = bool((np.abs(near - wanted) > AGREED * self.scales).any())
         outside = not math.isnan(numbers[rows.outside]) or not np.isfinite(near).all()
         return Answer(near, changed, bool(numbers[rows.slack] > 0.0), outside)
+
+
+def _around(bounds: Bounds | None) -> Bounds | None:
+    """Bounds of disturbances of which discs are larger: `moves_of` takes eight points of their
+    rims, and what is between these counts too."""
+    if isinstance(bounds, Product):
+        parts = (_around(part) for part in bounds.parts)
+        return Product(tuple(part for part in parts if part is not None))
+    if isinstance(bounds, Ball) and bounds.dimension == 2:
+        return replace(bounds, radius=bounds.radius / math.cos(math.pi / 8))
+    return bounds
 
 
 def _nearing(relative: System, value: ValueFunction) -> float:
@@ -320,8 +344,12 @@ def _nearing(relative: System, value: ValueFunction) -> float:
     )
 
 
-NODES = 2000
-"""Nodes at which the speed of two vehicles is computed."""
+class Vehicle(NamedTuple):
+    """Another vehicle at a sample: its relative state, its places, what it answers the command."""
+
+    seen: Array
+    places: list[int]
+    first: Answer
 
 
 class VehicleSlots(ObstacleSlots):
@@ -357,7 +385,7 @@ class VehicleSlots(ObstacleSlots):
         count = super().fill(state, obstacles, command)
         if count < 0 or isinstance(obstacles, np.ndarray):
             return count
-        vehicles: dict[int, tuple[Array, list[int]]] = {}
+        vehicles: dict[int, Vehicle] = {}
         places = self.near[1 : 2 * first : 2].astype(int).tolist()
         number = 0
         for obstacle in obstacles:
@@ -365,35 +393,37 @@ class VehicleSlots(ObstacleSlots):
                 if not all(map(math.isfinite, obstacle.state)):
                     return -1 - number
                 self._check_distance(obstacle)
+                taken = [k for k, n in enumerate(places) if n == number]
                 seen = self.kernel.seen(state, obstacle.state)
-                if math.hypot(seen[0], seen[1]) >= self.keeper.reach:
-                    self._free(state, [k for k, n in enumerate(places) if n == number])
-                elif not self.keeper.answer(seen, command).outside:
-                    vehicles[number] = seen, [k for k, n in enumerate(places) if n == number]
+                apart = math.hypot(seen[0], seen[1])
+                beyond = apart >= self.keeper.reach
+                answer = None if beyond else self.keeper.answer(seen, command)
+                if answer is None or not answer.outside:
+                    for k in taken:
+                        self.pairs[k * PAIR : (k + 1) * PAIR] = self._nothing(state)
+                        self.near[2 * k] = apart - self._around - obstacle.radius
+                if answer is not None and not answer.outside:
+                    vehicles[number] = Vehicle(seen, taken, answer)
             number += obstacle.count
-        for _, taken in vehicles.values():
-            self._free(state, taken)
         if vehicles:
             self._agree(state, command, vehicles)
         return count
 
-    def _agree(
-        self, state: Array, command: Array, vehicles: dict[int, tuple[Array, list[int]]]
-    ) -> None:
+    def _agree(self, state: Array, command: Array, vehicles: dict[int, Vehicle]) -> None:
         """Add rows until each kernel agrees with the input that meets all of them."""
         spare = list(range(*self._extra))
         rows = self._samples.rows
         wanted = command
         for turn in range(ROUNDS):
             short, cuts = [], 0
-            for number, (seen, places) in vehicles.items():
-                answer = self.keeper.answer(seen, wanted)
+            for number, vehicle in vehicles.items():
+                answer = self.keeper.answer(vehicle.seen, wanted) if turn else vehicle.first
                 if answer.short:
                     short.append(number)
                 if not answer.changed:
                     continue
                 cuts += 1
-                room = places if places else spare
+                room = vehicle.places if vehicle.places else spare
                 if room and turn < ROUNDS - 1:
                     self._cut(room.pop(0), number, wanted, answer.input)
                 else:
@@ -423,15 +453,10 @@ class VehicleSlots(ObstacleSlots):
             self.near[2 * place] = gaps[::2][gaps[1::2] == number].min()
             self.near[2 * place + 1] = number
 
-    def _free(self, state: Array, places: Sequence[int]) -> None:
-        """Nothing stands in these places. state: shape (states,)."""
-        for place in places:
-            self.pairs[place * PAIR : (place + 1) * PAIR] = self._nothing(state)
-
     def _nothing(self, state: Array) -> Array:
         """The numbers of a pair that is not there, shape (PAIR,). state: shape (states,)."""
         row = np.zeros(PAIR)
-        i, j = self.kernel._places[0]
+        i, j = self.kernel.indices[0]
         row[3], row[4], row[10] = state[i] + FAR, state[j], 1.0
         return row
 

@@ -40,7 +40,6 @@ from holdfast.analysis.online.filter_law import (
 from holdfast.analysis.online.obstacle_slots import (
     Among,
     Clearing,
-    ObstacleSlots,
     Surroundings,
     check_pose,
 )
@@ -423,12 +422,14 @@ class SafetyFilter(Remade):
             self._program, measured, felt, system.input_names, self._pairs_handed
         )  # fmt: skip
         if clearing is not None:
-            if clearing.pair is not None and (rates, states, delay, disturbance_measured) != (
-                None, None, 0.0, False,
-            ):  # fmt: skip
+            if clearing.pair is not None and (rates, states, disturbance_measured) != (
+                None,
+                None,
+                False,
+            ):
                 raise DefinitionError(
-                    "the kernel of two vehicles is kept beside an observer, a delay, limits of "
-                    "rates or measured disturbances",
+                    "the kernel of two vehicles is kept beside an observer, limits of rates or "
+                    "measured disturbances",
                     expected="none of these",
                 )
             self._slots = clearing.slots(system, made.law, self._program, self.sample_time)

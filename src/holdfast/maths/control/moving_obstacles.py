@@ -106,8 +106,9 @@ def pair_conditions(
 ) -> PairConditions:
     """The conditions of a pair, with the gains `kappa1` and `kappa2`.
 
-    rows_handed: whether a row itself may be handed over in the place of a pair. position, heading: the names of the states; an empty heading is that of a point, whose lever
-    is 0. worst, disturbance_measured, box: see `asked_of`, which raises `DefinitionError`.
+    rows_handed: whether a row itself may be handed over in the place of a pair. position, heading:
+    the names of the states; an empty heading is that of a point, whose lever is 0. worst,
+    disturbance_measured, box: see `asked_of`, which raises `DefinitionError`.
     """
     n, place = NUMBERS, _place(system, position, heading)
     gap = [p - n[name] for p, name in zip(place, ("x", "y"), strict=True)]
