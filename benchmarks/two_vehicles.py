@@ -1,6 +1,7 @@
 """What the kernel of two vehicles keeps, and what a barrier keeps, against a worst opponent.
 
-    python benchmarks/two_vehicles.py [CASE ...] [--starts 200] [--seconds 12]
+    python benchmarks/two_vehicles.py [CASE ...] [--starts 100] [--seconds 8]
+    python benchmarks/two_vehicles.py forward --figure docs/images/two_vehicles.png
 
 Starts are drawn among the relative poses near the edge of the kernel from which held inputs keep
 the distance: W above its level, V at most .5 m. Our vehicle is steered at the other one, and its
@@ -17,6 +18,7 @@ import itertools
 import math
 from dataclasses import dataclass
 
+import matplotlib.pyplot as plt
 import numpy as np
 import sympy as sp
 
@@ -240,19 +242,78 @@ def compared(case, count, seconds):
         each = [least_distances(case, pair, starts, decide, kind, seconds)[0] for kind in KINDS]
         least = np.min(each, axis=0)
         results[name] = int((least >= case.distance).sum()), float(least.min())
-    free = 1 - pair.value.fraction()
-    return results, free
+    return results
+
+
+def figure(case, path):
+    """Draw what the kernel loses at three headings of the other vehicle, and a play at its edge."""
+    pair = case.pair()
+    wide = case.distance / 2
+    guard = hf.SafetyFilter(
+        case.ours, obstacles=hf.Obstacles(1, hull=wide, pair=pair), sample_time=SAMPLE_TIME
+    )
+    drawn, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.6), layout="constrained")
+    ahead, aside, _ = (axis.nodes for axis in pair.value.grid.axes)
+    headings = {"the same heading": 0.0, "across, to the left": np.pi / 2, "head-on": -np.pi}
+    for (label, turn), colour, dashes in zip(
+        headings.items(), ("#0072B2", "#E69F00", "#D55E00"), ("-", "--", "-."), strict=True
+    ):
+        values = pair.value.slice(psi_r=turn).values()
+        left.contour(ahead, aside, values.T, [0.0], colors=colour, linestyles=dashes, linewidths=2)
+        left.plot([], [], dashes, color=colour, lw=2, label=label)
+    around = np.linspace(0, 2 * np.pi, 100)
+    left.fill(case.distance * np.cos(around), case.distance * np.sin(around), color="0.85", lw=0)
+    left.annotate(
+        "", (0.45, 0), (-0.35, 0), arrowprops={"arrowstyle": "-|>", "color": "0.2", "lw": 2}
+    )
+    left.text(0.0, -0.42, "ours", ha="center", color="0.2")
+    left.set(
+        xlabel="ahead of our vehicle [m]", ylabel="to its left [m]", aspect="equal",
+        xlim=(-2, 3), ylim=(-2.5, 2.5), title="places from which the other one catches ours",
+    )  # fmt: skip
+    left.legend(title="the other vehicle has", loc="lower right", fontsize=8, title_fontsize=8)
+    bearing, turn = 0.5, -2.2
+    for reach in np.arange(case.distance, guard._slots.keeper.reach, 0.02):
+        start = np.array([reach * np.cos(bearing), reach * np.sin(bearing), turn])
+        if guard._slots.keeper.keeps(start):
+            break
+    start = start[np.newaxis]
+    paths: list = []
+    least, _ = least_distances(case, pair, start, by_kernel(case, guard), KINDS[0], 5.0, paths)
+    ours, theirs = (np.array([pair[k][0] for pair in paths]) for k in (0, 1))
+    for path_of, colour, dashes, label in (
+        (ours, "#0072B2", "-", "ours, filtered"), (theirs, "#D55E00", "--", "the other one"),
+    ):  # fmt: skip
+        right.plot(path_of[:, 0], path_of[:, 1], dashes, color=colour, lw=2, label=label)
+    for k in range(0, len(ours), 20):
+        pair_of = np.stack([ours[k, :2], theirs[k, :2]])
+        right.plot(*pair_of.T, color="0.75", lw=0.8, zorder=0)
+        right.plot(*ours[k, :2], "o", color="#0072B2", ms=4)
+        right.plot(*theirs[k, :2], "s", color="#D55E00", ms=4)
+    every = np.concatenate([ours[:, :2], theirs[:, :2]])
+    middle, half = (every.max(0) + every.min(0)) / 2, np.ptp(every, 0).max() / 2 + 0.3
+    right.set(
+        xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=middle[0] + half * np.array([-1, 1]),
+        ylim=middle[1] + half * np.array([-1, 1]),
+        title=f"a play of 5 s, least distance {least[0]:.2f} m",
+    )  # fmt: skip
+    right.legend(loc="best", fontsize=8)
+    drawn.savefig(path, dpi=110)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("cases", nargs="*", default=list(CASES))
-    parser.add_argument("--starts", type=int, default=200)
-    parser.add_argument("--seconds", type=float, default=12.0)
+    parser.add_argument("--starts", type=int, default=100)
+    parser.add_argument("--seconds", type=float, default=8.0)
+    parser.add_argument("--figure", help="draw the first case into a file instead")
     options = parser.parse_args()
+    if options.figure:
+        figure(CASES[options.cases[0]], options.figure)
+        return
     for name in options.cases:
         case = CASES[name]
-        results, _ = compared(case, options.starts, options.seconds)
+        results = compared(case, options.starts, options.seconds)
         print(f"{name}: {case.title}, {case.distance:g} m apart")
         for which, (count, least) in results.items():
             share = 100 * count / options.starts

@@ -1,6 +1,8 @@
 """The kernel of two vehicles in a filter: it keeps what can be kept, and says what it does not."""
 
+import importlib.util
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -169,3 +171,35 @@ def test_bad_input_is_one_line():
         hf.SafetyFilter(pair().ours, obstacles=hf.Obstacles(1, pair=pair()), rates={"a": 1.0})
     with pytest.raises(SimulationError, match="belongs to system"):
         hf.PairKernel(pair().ours, hf.systems.unicycle(), pair().value)
+
+
+def _benchmark():
+    path = Path(__file__).parents[3] / "benchmarks" / "two_vehicles.py"
+    spec = importlib.util.spec_from_file_location("two_vehicles", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+STARTS, SECONDS, APART, NEAR = 100, 8.0, 1.0, 0.5
+EACH = {  # by the kernel, by a barrier that is told the velocity, by one for any velocity
+    "equal": (100, 61, 67),
+    "slower": (100, 64, 72),
+    "forward": (100, 92, 96),
+    "agile": (100, 97, 100),
+}
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", EACH)
+def test_what_a_kernel_and_what_barriers_keep_of_a_hundred_starts(name):
+    """Near the edge of the kernel, for 8 s, against three kinds of opponents."""
+    benchmark = _benchmark()
+    case = benchmark.CASES[name]
+    assert (case.distance, benchmark.NEAR, benchmark.SAMPLE_TIME) == (APART, NEAR, SAMPLE_TIME)
+    results = benchmark.compared(case, STARTS, SECONDS)
+    counts = [count for count, _ in results.values()]
+    kernel, *barriers = EACH[name]
+    assert counts[0] == kernel
+    assert counts[1:] == pytest.approx(barriers, abs=3)
+    assert results["kernel"][1] >= APART

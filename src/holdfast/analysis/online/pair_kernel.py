@@ -78,11 +78,13 @@ class PairKernel(Value):
 
     >>> slow = hf.systems.unicycle(0.5)
     >>> both = hf.relative_system(robot, slow)
-    >>> ahead, left = (q.symbol for q in both.states[:2])
-    >>> near = hf.Inequality("near", 0.5 - sp.sqrt(ahead**2 + left**2), "m")
+    >>> near = hf.Inequality("near", "0.5 - sqrt(x_r**2 + y_r**2)", "m")
+    >>> apart = hf.Region("apart", both.states[:2], (near,))
     >>> box = {"x_r": (-2, 2), "y_r": (-2, 2), "psi_r": (-np.pi, np.pi)}
     >>> nodes = hf.grid(both, box, 13, {"x_r": "extrapolated", "y_r": "extrapolated"})
-    >>> value = hf.viability_kernel(both, hf.Region("apart", both.states[:2], (near,)), nodes, 8.0)
+    >>> value = hf.discriminating_kernel(both, apart, nodes, 20.0)
+    >>> round(hf.PairKernel(robot, slow, value).distance, 3)
+    0.5
     """
 
     ours: System
