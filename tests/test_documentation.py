@@ -100,6 +100,7 @@ SAID = {"certificates": 5, "craft": 2, "formations": 9, "own_controller": 11, "s
     "own_controller",
     "results",
     "ros2",
+    "two_vehicles",
 )
 @pytest.mark.parametrize("page", DOCS, ids=lambda p: p.stem)
 def test_examples_in_the_documentation_run_and_print_what_is_said(page, tmp_path, monkeypatch):

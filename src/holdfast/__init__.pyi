@@ -36,6 +36,7 @@ from .analysis.online.decision import Decision as Decision
 from .analysis.online.decision import DecisionRecord as DecisionRecord
 from .analysis.online.decision import Decisions as Decisions
 from .analysis.online.decision import Status as Status
+from .analysis.online.pair_kernel import PairKernel as PairKernel
 from .analysis.online.relay import Relay as Relay
 from .analysis.online.safety_filter import SafetyFilter as SafetyFilter
 from .analysis.reachability.grid import Grid as Grid
@@ -105,6 +106,7 @@ from .maths.definitions.bounds import Ball as Ball
 from .maths.definitions.bounds import Box as Box
 from .maths.definitions.bounds import LinearImage as LinearImage
 from .maths.definitions.bounds import Product as Product
+from .maths.definitions.compose_systems import relative_system as relative_system
 from .maths.definitions.compose_systems import renamed as renamed
 from .maths.definitions.compose_systems import seen_from as seen_from
 from .maths.definitions.compose_systems import side_by_side as side_by_side

@@ -306,6 +306,9 @@ FUNCTIONS = {
         "scales": {"u": 1.0}, "disturbance_measured": False,
     },
     "least_time_law": lambda: {"system": slider(), "value": reached(), "sample_time": 0.02},
+    "relative_system": lambda: {
+        "ours": hf.systems.unicycle(), "theirs": hf.systems.unicycle(), "position": ("x", "y"), "heading": "psi", "common": (),
+    },
     "safety_law": lambda: {
         "system": line(), "value": value(), "law": push_law(), "rate": 2.0, "margin": 0.1, "sample_time": 0.02, "delay": 0.0,
         "scales": {"u": 1.0},

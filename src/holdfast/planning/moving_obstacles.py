@@ -9,7 +9,7 @@ import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import shapely
 
@@ -18,6 +18,9 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.value import Value
 from holdfast.planning.obstacles import convex_parts, polygon_of
+
+if TYPE_CHECKING:
+    from holdfast.analysis.online.pair_kernel import PairKernel
 
 Point = Sequence[float]
 
@@ -36,7 +39,8 @@ class Obstacle(Value):
     change, in any direction. velocity_error [m/s]: by how much the velocity may be another.
     age [s]: how old the numbers are: it has moved on since, and is grown by what it may have done
     meanwhile. share: the part of a condition that this vehicle meets; 1, or 1/2 for another vehicle
-    that surely filters with the other half. name: for `Decision.why`.
+    that surely filters with the other half. name: for `Decision.why`. state: of another vehicle
+    (`vehicle`).
 
     bodies: of each its corners (x, y) [m] in the order of its outline, and the radius [m] around
     them. A number that is not finite is no error here: `step` then answers NOT_A_NUMBER.
@@ -55,6 +59,7 @@ class Obstacle(Value):
     age: float = 0.0
     share: float = 1.0
     name: str = ""
+    state: tuple[float, ...] = ()
     records: bytes = field(init=False, repr=False, compare=False, default=b"")
 
     def __post_init__(self) -> None:
@@ -80,6 +85,11 @@ class Obstacle(Value):
         """The convex bodies that it is made of."""
         return len(self.bodies)
 
+    @property
+    def radius(self) -> float:
+        """The radius of its first body [m]."""
+        return self.bodies[0][1]
+
     def _records(self) -> bytes:
         """In the layout of `execution/obstacle_pairs.py`."""
         said = (*self.velocity, self.acceleration, self.share, self.age, self.velocity_error)
@@ -99,6 +109,23 @@ class Obstacle(Value):
         ((((2.0, 1.0),), 0.4),)
         """
         return cls((((_point(centre),), float(radius)),), **motion)
+
+    @classmethod
+    def vehicle(
+        cls, place: Point, heading: float, radius: float, more: Sequence[float] = (), **motion: Any
+    ) -> Self:
+        """Another vehicle, of whose kernel with ours a filter may be told (`Obstacles(pair=...)`).
+
+        place: (x, y) [m]. heading [rad]: of a vehicle that has one. radius [m]. more: its further
+        states in their order, such as its speed. motion: velocity and name; where no kernel counts
+        it is a disc with this velocity.
+
+        >>> hf.Obstacle.vehicle((3, 0), 1.57, 0.4, velocity=(0, 0.5), name="ferry").state
+        (3.0, 0.0, 1.57)
+        """
+        x, y = _point(place)
+        state = (x, y, float(heading), *(float(value) for value in more))
+        return cls.disc(place, radius, state=state, **motion)
 
     @classmethod
     def capsule(cls, start: Point, end: Point, radius: float, **motion: Any) -> Self:
@@ -169,7 +196,8 @@ class Obstacles(Clearing):
     position both ways. speed [m/s]: of the fastest obstacle, by default that of the vehicle; a lead
     that is too short for it is refused, and `Decision.too_fast` names the obstacles that are faster
     than turning evades. clearance [m]: kept besides. position, heading: names of
-    states, by default x, y and the angle psi, or the first angle.
+    states, by default x, y and the angle psi, or the first angle. pair: the kernel of this vehicle
+    and another one, in the place of the condition of each `Obstacle.vehicle`.
 
     Raises `DefinitionError` for a number that cannot be, and for a hull whose sides cross.
 
@@ -187,11 +215,14 @@ class Obstacles(Clearing):
         clearance: float = 0.0,
         position: tuple[str, str] = ("x", "y"),
         heading: str | None = None,
+        pair: PairKernel | None = None,
     ) -> None:
         for name, value in (("lead", lead), ("speed", speed), ("clearance", clearance)):
             if value is not None and not (math.isfinite(value) and value >= 0):
                 raise DefinitionError(f"{name} is {value:g}", expected="0 or more")
-        super().__init__(most, _parts(hull), lead, speed, float(clearance), position, heading)
+        super().__init__(
+            most, _parts(hull), lead, speed, float(clearance), position, heading, pair=pair
+        )
 
 
 def _parts(hull: float | Sequence[Sequence[float]]) -> Parts:

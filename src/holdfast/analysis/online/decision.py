@@ -67,12 +67,18 @@ class Told(NamedTuple):
 
 
 class Obstructs(Protocol):
-    """An obstacle: its name, and its `count` bodies as records of `execution/obstacle_pairs.py`."""
+    """An obstacle: its name, and its `count` bodies as records of `execution/obstacle_pairs.py`.
+
+    state: of another vehicle its place, its heading and its further states; else empty. radius [m]:
+    of its first body.
+    """
 
     name: str
     records: bytes
     count: int
     velocity: tuple[float, float]
+    state: tuple[float, ...]
+    radius: float
 
 
 class Near(NamedTuple):
@@ -80,13 +86,14 @@ class Near(NamedTuple):
 
     found: how many pairs there were, of which the nearest have places; -1 - k for a body k that is
     not finite. obstacles: or discs without names, as of `disc_records`. evaded [m/s]: the speed of
-    obstacles that turning evades.
+    obstacles that turning evades. unkept: the vehicles of which the kernel is not kept.
     """
 
     gaps: Array
     found: int
     obstacles: tuple[Obstructs, ...] | Array
     evaded: float
+    unkept: tuple[int, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

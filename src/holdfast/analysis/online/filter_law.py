@@ -553,6 +553,8 @@ class Reasons:
     def gave_way(self, decision: Decision) -> tuple[str, ...]:
         """The inequalities whose conditions the input does not meet; "value" is the kernel's."""
         gave = self._missed(decision, decision.input)
+        if decision.near is not None:
+            gave += [decision.near.names[k] for k in decision.near.unkept]
         if self._ahead and self._lacks(decision, decision.input, 1) > 0:
             gave.insert(0 if self._ahead[4] else len(gave), "value")
         return tuple(dict.fromkeys(gave))

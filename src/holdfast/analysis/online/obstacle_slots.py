@@ -9,7 +9,7 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy as sp
@@ -30,6 +30,10 @@ from holdfast.maths.definitions.law import Law, Repeated
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.value import Value
 
+if TYPE_CHECKING:
+    from holdfast.analysis.online.pair_kernel import PairKernel
+    from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
+
 Parts = tuple[tuple[tuple[tuple[float, float], ...], float], ...]
 """The convex parts of a hull: the corners (ahead, left) of each, and a radius around them [m]."""
 
@@ -39,6 +43,7 @@ class Clearing(Value):
     """How a filter keeps clear of obstacles that `step` is given: `hf.Obstacles` has the words.
 
     speed [m/s]: of the fastest obstacle. evaded [m/s]: the speed of obstacles that turning evades.
+    pair: the kernel of this vehicle and another one.
     """
 
     most: int
@@ -49,6 +54,7 @@ class Clearing(Value):
     position: tuple[str, str] = ("x", "y")
     heading: str | None = None
     evaded: float = math.inf
+    pair: PairKernel | None = None
 
     def __post_init__(self) -> None:
         if not (isinstance(self.most, int) and 1 <= self.most <= MOST):
@@ -56,8 +62,17 @@ class Clearing(Value):
 
     @property
     def pairs(self) -> int:
-        """The pairs of discs that are handed over: of an obstacle one for a corner of the hull."""
-        return self.most * sum(len(corners) for corners, _ in self.parts)
+        """The pairs of discs that are handed over: of an obstacle one for a corner of the hull,
+        and one more for what the kernel of two vehicles asks."""
+        corners = sum(len(corners) for corners, _ in self.parts)
+        return self.most * (corners + (self.pair is not None))
+
+    @property
+    def around(self) -> float:
+        """The radius of the hull about the position [m]."""
+        if self.lead:
+            return self.parts[0][1] - self.lead
+        return max(math.hypot(*c) + radius for corners, radius in self.parts for c in corners)
 
     def of(self, system: System) -> Clearing:
         """The same with a heading, with the lead that a hull of one disc needs, and with what
@@ -73,6 +88,8 @@ class Clearing(Value):
         if heading is None:
             angles = [q.name for q in system.states if q.angle]
             heading = "psi" if "psi" in angles else angles[0] if angles else ""
+        if self.pair is not None:
+            self.pair.check_ours(system, self.position)
         parts, lead = self.parts, self.lead
         ((x, y), *more), radius = parts[0]
         if len(parts) == 1 and not more and (x, y) == (0.0, 0.0) and heading:
@@ -97,8 +114,9 @@ class Clearing(Value):
                 remedy="a longer lead" if lead is not None else "",
             )
         return Clearing(
-            self.most, parts, lead, self.speed, self.clearance, self.position, heading, evaded
-        )
+            self.most, parts, lead, self.speed, self.clearance, self.position, heading, evaded,
+            self.pair,
+        )  # fmt: skip
 
     def law(
         self,
@@ -117,8 +135,21 @@ class Clearing(Value):
             system, law, self.pairs, self.position, self.heading or "", hull_numbers(self),
             len(self.parts), self.clearance, gains=gains,
             disturbance_measured=disturbance_measured, worst=worst, box=box, scales=scales,
-            sample_time=sample_time,
+            sample_time=sample_time, rows_handed=self.pair is not None,
         )  # fmt: skip
+
+    def slots(
+        self, system: System, law: Law, program: ClosedLoopProgram, sample_time: float
+    ) -> ObstacleSlots:
+        """The places of the pairs of a filter's law, which the program carries out."""
+        assert law.safeguard is not None
+        each = law.safeguard.repeated
+        assert each is not None
+        if self.pair is None:
+            return ObstacleSlots(system, each)
+        from holdfast.analysis.online.pair_kernel import VehicleSlots
+
+        return VehicleSlots(self.pair, self, system, law.safeguard, program, sample_time)
 
 
 MOST = 1000
@@ -192,8 +223,9 @@ def _most(system: System, rate: sp.Expr) -> float:
 class ObstacleSlots:
     """The places of the pairs of a safeguard, which are filled at every sample."""
 
-    def __init__(self, system: System, each: Repeated) -> None:
-        of, self._most = each.found, each.count
+    def __init__(self, system: System, each: Repeated, most: int | None = None) -> None:
+        """most: how many of the places are filled with pairs of discs; by default all."""
+        of, self._most = each.found, each.count if most is None else most
         leaf = leaf_of({"q": [q.symbol for q in system.states]}, of.pose)
         self._leaves = compiled_leaves({"pose": leaf})
         self._pose_of: Callable[..., None] = self._leaves.function("pose")
@@ -202,16 +234,19 @@ class ObstacleSlots:
         self._states = np.zeros((len(system.states), LANES))
         poses, touch = np.zeros((len(of.pose), LANES)), np.zeros(6)
         self._room = poses, touch
-        self.pairs, self.near = np.zeros(self._most * PAIR), np.zeros(2 * self._most)
+        self.pairs, self.near = np.zeros(each.count * PAIR), np.zeros(2 * each.count)
         self._how = self._most, of.clearance, of.first
         self._at: Any = tuple(
             a.ctypes.data for a in (self._states, poses, self._hull, self.pairs, self.near, touch)
         )
         self._parts = of.parts
 
-    def fill(self, state: Array, obstacles: Sequence[Obstructs] | Array) -> int:
+    unkept: tuple[int, ...] = ()
+    """The bodies that the kernel of two vehicles does not keep clear of at the last sample."""
+
+    def fill(self, state: Array, obstacles: Sequence[Obstructs] | Array, command: Array) -> int:
         """Fill the pairs at a state; how many there are, or -1 - k for a faulty body k. state:
-        shape (states,). obstacles: or discs, as of `disc_records`."""
+        shape (states,). command: shape (inputs,). obstacles: or discs, as of `disc_records`."""
         if isinstance(obstacles, np.ndarray):
             return self.fill_from(state, disc_records(obstacles))
         try:
@@ -288,7 +323,7 @@ class Among:
         rows = np.empty((len(states), commands.shape[1] + len(slots.pairs)))
         rows[:, : commands.shape[1]] = commands
         for k in np.flatnonzero(alive).tolist():
-            if slots.fill(states[k], around[k]) < 0:
+            if slots.fill(states[k], around[k], commands[k]) < 0:
                 rows[k, : commands.shape[1]] = math.nan
             rows[k, commands.shape[1] :] = slots.pairs
             self.least[k] = min(self.least[k], slots.near[::2].min())

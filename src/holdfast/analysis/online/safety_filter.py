@@ -40,7 +40,6 @@ from holdfast.analysis.online.filter_law import (
 from holdfast.analysis.online.obstacle_slots import (
     Among,
     Clearing,
-    ObstacleSlots,
     Surroundings,
     check_pose,
 )
@@ -423,10 +422,17 @@ class SafetyFilter(Remade):
             self._program, measured, felt, system.input_names, self._pairs_handed
         )  # fmt: skip
         if clearing is not None:
-            guard = made.law.safeguard
-            assert guard is not None
-            assert guard.repeated is not None
-            self._slots = ObstacleSlots(system, guard.repeated)
+            if clearing.pair is not None and (rates, states, disturbance_measured) != (
+                None,
+                None,
+                False,
+            ):
+                raise DefinitionError(
+                    "the kernel of two vehicles is kept beside an observer, limits of rates or "
+                    "measured disturbances",
+                    expected="none of these",
+                )
+            self._slots = clearing.slots(system, made.law, self._program, self.sample_time)
         self._count = self._of_many = 0
         self._fallback = fallback_of(system, fallback)
         self._made = made
@@ -494,7 +500,7 @@ class SafetyFilter(Remade):
         changed = applied != wanted
         if self._past(t) or not math.isnan(values[rows.outside]) or self._beyond(seen):
             status = Status.OUTSIDE_GRID
-        elif values[rows.slack] > 0.0:
+        elif values[rows.slack] > 0.0 or (near is not None and near.unkept):
             status = Status.INFEASIBLE
         else:
             status = Status.CHANGED if changed else Status.PASSED
@@ -514,11 +520,11 @@ class SafetyFilter(Remade):
     def _near(self, row: Array, obstacles: Sequence[Obstructs] | Array) -> Near:
         """Hand the nearest pairs of obstacles over, in a row of what is seen; what was near."""
         slots = self._slots
-        found = slots.fill(row[: len(self.system.states)], obstacles)
+        found = slots.fill(row[: len(self.system.states)], obstacles, row[self._told.commanded])
         row[len(row) - len(slots.pairs) :] = slots.pairs
         around = obstacles.copy() if isinstance(obstacles, np.ndarray) else tuple(obstacles)
         assert self.clearing is not None
-        return Near(slots.near.copy(), found, around, self.clearing.evaded)
+        return Near(slots.near.copy(), found, around, self.clearing.evaded, slots.unkept)
 
     @property
     def _pairs_handed(self) -> int:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from holdfast.errors import DefinitionError
 from holdfast.execution.codegen.c_printer import c_body, c_own
 from holdfast.execution.codegen.closed_loop_program import ControllerProgram
 from holdfast.maths.definitions.law import Repeated, Safeguard
@@ -39,6 +40,11 @@ class CObstacles:
         """Of the law `name` in C; None if it keeps clear of none."""
         guards = program.safeguards.values()
         each = next((g.repeated for g in guards if g.repeated), None)
+        if each is not None and each.found.rows_handed:
+            raise DefinitionError(
+                "the kernel of two vehicles is looked up in Python alone",
+                expected="obstacles without a pair, for C",
+            )
         return None if each is None else cls(program, each, name)
 
     @property

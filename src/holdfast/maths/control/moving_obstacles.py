@@ -17,6 +17,9 @@ by half of it in the mean, and a velocity that is known to w may be another by w
     n . u >= ... + a T / 2 + w            the condition bounds dc/dt
     n . u >= ... + a + (k1 + k2) w        the condition bounds d2c/dt2
 
+Of another vehicle whose kernel is at hand (`analysis/online/pair_kernel.py`) a row of the inputs
+itself may be handed over, in the place of such a pair.
+
 share: the part of a condition that this vehicle meets where the obstacle is another one that
 filters too. With a half each the sum of both is the whole condition, while each answers for the
 derivative of its own motion. A vehicle whose own derivative is not known, in an unknown current or
@@ -30,6 +33,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
+from holdfast.errors import DefinitionError
 from holdfast.maths.control.parameter_box import ParameterBox
 from holdfast.maths.control.safety_filter import (
     K1,
@@ -48,6 +52,7 @@ from holdfast.maths.definitions.law import FoundPairs, Law, Repeated, Safeguard
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, Parameter, Quantity, symbol
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import select
 from holdfast.maths.expressions.random_points import full_rank, is_zero
 from holdfast.maths.expressions.traversal import exchanged
 
@@ -66,6 +71,9 @@ PAIR = {
 }
 """The numbers of a pair of discs, and their units: whether there is one; the lever; the centre b;
 R; its velocity; a; w; share."""
+
+ROW_ITSELF = 2.0
+"""The first number of what is no pair of discs, but a normal and an offset of the inputs."""
 
 NUMBERS = {name: symbol(f"pair_{name}") for name in PAIR}
 
@@ -94,11 +102,13 @@ def pair_conditions(
     worst: Sequence[str],
     disturbance_measured: bool,
     box: ParameterBox,
+    rows_handed: bool = False,
 ) -> PairConditions:
     """The conditions of a pair, with the gains `kappa1` and `kappa2`.
 
-    position, heading: the names of the states; an empty heading is that of a point, whose lever
-    is 0. worst, disturbance_measured, box: see `asked_of`, which raises `DefinitionError`.
+    rows_handed: whether a row itself may be handed over in the place of a pair. position, heading:
+    the names of the states; an empty heading is that of a point, whose lever is 0. worst,
+    disturbance_measured, box: see `asked_of`, which raises `DefinitionError`.
     """
     n, place = NUMBERS, _place(system, position, heading)
     gap = [p - n[name] for p, name in zip(place, ("x", "y"), strict=True)]
@@ -124,7 +134,22 @@ def pair_conditions(
     rows = tuple(
         (normal, _shared(asked, offset, order, own)) for normal, offset, order in asked.rows
     )
+    if rows_handed:
+        rows = tuple(_or_itself(normal, offset) for normal, offset in rows)
     return PairConditions(rows, asked.orders)
+
+
+def _or_itself(normal: Sequence[sp.Expr], offset: sp.Expr) -> tuple[tuple[sp.Expr, ...], sp.Expr]:
+    """The row of a pair, or the one that is handed over in its place."""
+    here, *numbers = NUMBERS.values()
+    if len(normal) >= len(numbers):
+        raise DefinitionError(
+            f"{len(normal)} inputs, and the kernel of two vehicles",
+            expected=f"at most {len(numbers) - 1} inputs",
+        )
+    itself = here - sp.Float((1.0 + ROW_ITSELF) / 2)
+    chosen = [select(itself, a, b) for a, b in zip(numbers, (*normal, offset), strict=False)]
+    return tuple(chosen[:-1]), chosen[-1]
 
 
 def both_ways(
@@ -215,16 +240,18 @@ def avoiding(
     box: ParameterBox,
     scales: Mapping[str, float],
     sample_time: float,
+    rows_handed: bool = False,
 ) -> Law:
     """`law` with a safety filter that keeps so many pairs of discs apart.
 
     It is handed the numbers `PAIR` of each pair, behind what else it is handed. Where no input
-    keeps all apart, all give way by the same least amount. hull, parts, clearance: see
-    `FoundPairs`.
+    keeps all apart, all give way by the same least amount. hull, parts, clearance, rows_handed:
+    see `FoundPairs`.
     """
     each = pair_conditions(
-        system, position, heading, worst=worst, disturbance_measured=disturbance_measured, box=box
-    )
+        system, position, heading, worst=worst, disturbance_measured=disturbance_measured, box=box,
+        rows_handed=rows_handed,
+    )  # fmt: skip
     gains = usual_gains(sample_time) if gains is None else gains
     bearable = conditions([each.orders])
     check_held(bearable, gains, sample_time)
@@ -271,7 +298,7 @@ def avoiding(
                 tuple(NUMBERS.values()), tuple(rows), units, pairs,
                 FoundPairs(
                     _pose(system, position, heading), tuple(hull), parts, clearance,
-                    set(each.orders) == {1},
+                    set(each.orders) == {1}, rows_handed,
                 ),
             ),
         ),

@@ -331,7 +331,8 @@ class FoundPairs(Value):
 
     pose: x, y, the cosine and the sine of the heading, of measured states. hull: in the layout of
     that text, in so many parts. clearance [m]. first: whether the conditions bound first
-    derivatives alone.
+    derivatives alone. rows_handed: whether a row of the inputs itself may be handed over in the
+    place of a pair.
     """
 
     pose: tuple[sp.Expr, ...]
@@ -339,6 +340,7 @@ class FoundPairs(Value):
     parts: int
     clearance: float
     first: bool
+    rows_handed: bool = False
 
 
 @dataclass(frozen=True)
