@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import shapely
 
 from holdfast.analysis.online.obstacle_slots import Clearing, Parts
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError
+from holdfast.errors import DefinitionError, check_name
 from holdfast.maths.definitions.value import Value
 from holdfast.planning.obstacles import convex_parts, polygon_of
 
@@ -90,6 +90,66 @@ class Obstacle(Value):
             )
             for corners, radius in self.bodies
         )  # fmt: skip
+
+    def aged(self, seconds: float) -> Self:
+        """The same, known so much later [s].
+
+        >>> hf.Obstacle.disc((2, 1), 0.4, velocity=(-0.3, 0)).aged(0.1).age
+        0.1
+        """
+        return replace(self, age=self.age + seconds) if seconds else self
+
+    @classmethod
+    def of_table(cls, table: Mapping[str, Any]) -> Self:
+        """An obstacle of a table, as of JSON or TOML: a shape, and keywords of its motion.
+
+            disc       [x, y, radius]
+            capsule    [x, y, x, y, radius]
+            ellipse    [x, y, half axis ahead, half axis across, heading]
+            polygon    [[x, y], [x, y], [x, y], ...], and a radius where it has one
+
+        None for a number is one that is not known. Raises `DefinitionError` for a table that is
+        none of these.
+
+        >>> hf.Obstacle.of_table({"disc": [2, 1, 0.4], "velocity": [-0.3, 0]}).velocity
+        (-0.3, 0.0)
+        """
+        if not isinstance(table, Mapping):
+            raise DefinitionError(f"an obstacle is {table!r}"[:80], expected=_TABLE)
+        shapes = [name for name in SHAPES if name in table]
+        if len(shapes) != 1:
+            what = " and ".join(shapes) or "no shape"
+            raise DefinitionError(f"an obstacle has {what}", expected=_TABLE)
+        (shape,) = shapes
+        for name in table:
+            check_name(str(name), (shape, *MOTION), DefinitionError, f"unknown key '{name}'")
+        motion: dict[str, Any] = {}
+        for name in MOTION[:-2]:
+            if name in table:
+                motion[name] = _number(table[name], name)
+        if "velocity" in table:
+            motion["velocity"] = tuple(_row(table["velocity"], "velocity", 2))
+        if "name" in table:
+            if not isinstance(table["name"], str):
+                raise DefinitionError(f"the name is {table['name']!r}"[:80], expected="a text")
+            motion["name"] = table["name"]
+        radius = motion.pop("radius", None)
+        if shape == "polygon":
+            corners = table[shape]
+            if not isinstance(corners, Sequence) or isinstance(corners, str) or len(corners) < 3:
+                raise DefinitionError(
+                    f"the polygon is {corners!r}"[:80], expected="three or more corners [x, y]"
+                )
+            points = [_row(corner, "corner", 2) for corner in corners]
+            return cls.polygon(points, 0.0 if radius is None else radius, **motion)
+        if radius is not None:
+            raise DefinitionError(f"radius beside a {shape}", expected=_TABLE)
+        row = _row(table[shape], shape, SHAPES[shape])
+        if shape == "disc":
+            return cls.disc(row[:2], row[2], **motion)
+        if shape == "capsule":
+            return cls.capsule(row[:2], row[2:4], row[4], **motion)
+        return cls.ellipse(row[:2], row[2:4], row[4], **motion)
 
     @classmethod
     def disc(cls, centre: Point, radius: float, **motion: Any) -> Self:
@@ -215,6 +275,30 @@ def _parts(hull: float | Sequence[Sequence[float]]) -> Parts:
 
 def _outline(part: shapely.Polygon) -> tuple[tuple[float, float], ...]:
     return tuple((float(x), float(y)) for x, y in part.exterior.coords[:-1])
+
+
+SHAPES = {"disc": 3, "capsule": 5, "ellipse": 5, "polygon": 0}
+"""The shapes of `Obstacle.of_table`, and how many numbers they have."""
+MOTION = ("acceleration", "velocity_error", "age", "share", "radius", "velocity", "name")
+_TABLE = '{"disc": [x, y, radius], "velocity": [vx, vy]}, or a capsule, an ellipse or a polygon'
+
+
+def _number(said: Any, what: str) -> float:
+    """A number; NaN for None."""
+    if said is None:
+        return math.nan
+    if isinstance(said, bool) or not isinstance(said, int | float):
+        raise DefinitionError(f"{what} of an obstacle is {said!r}"[:80], expected="a number")
+    return float(said)
+
+
+def _row(said: Any, what: str, count: int) -> list[float]:
+    """So many numbers."""
+    if not isinstance(said, Sequence) or isinstance(said, str) or len(said) != count:
+        raise DefinitionError(
+            f"{what} of an obstacle is {said!r}"[:80], expected=f"{count} numbers"
+        )
+    return [_number(number, what) for number in said]
 
 
 def _point(point: Point) -> tuple[float, float]:
