@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import shapely
@@ -92,12 +92,17 @@ class Obstacle(Value):
         )  # fmt: skip
 
     def aged(self, seconds: float) -> Self:
-        """The same, known so much later [s].
+        """The same, known so much later [s]; itself, where it surely stands.
 
         >>> hf.Obstacle.disc((2, 1), 0.4, velocity=(-0.3, 0)).aged(0.1).age
         0.1
         """
-        return replace(self, age=self.age + seconds) if seconds else self
+        if not seconds or not (any(self.velocity) or self.acceleration or self.velocity_error):
+            return self
+        later = object.__new__(type(self))  # its arguments were checked when it was made
+        vars(later).update(vars(self), age=self.age + seconds)
+        vars(later)["records"] = later._records()
+        return later
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any]) -> Self:

@@ -277,8 +277,9 @@ class DecisionRecord:
     """A decision with all names, which does not need the filter.
 
     t [s]: of the receiver's clock. status: that of the decision (`Status`), or "no measurement".
-    lost: "command", "measurement" or "list of obstacles" where none came in time, else empty. state,
-    command, input, actuators: by name, in the units of the system. overruled, slack, value, gave_way: as in
+    lost: "command", "measurement" or "list of obstacles" where none came in time, else empty.
+    state, command, input, actuators: by name, in the units of the system. overruled, slack, value,
+    gave_way: as in
     `Decision`. why: one sentence where the filter intervened, not at every sample of one
     intervention; else empty.
     """
