@@ -273,6 +273,7 @@ def link(keep):
         one.close()
 
 
+@pytest.mark.heavy
 def test_a_rover_that_is_commanded_at_a_wall_stops_in_front_of_it(link, vehicle):
     """Its sensor says how far the wall is; without the sensor it stops at once."""
     component, ground, boat = link()

@@ -94,13 +94,22 @@ class Obstacle(Value):
     def aged(self, seconds: float) -> Self:
         """The same, known so much later [s]; itself, where it surely stands.
 
+        What was known later than that is moved back along its velocity, with the age 0.
+
         >>> hf.Obstacle.disc((2, 1), 0.4, velocity=(-0.3, 0)).aged(0.1).age
         0.1
         """
         if not seconds or not (any(self.velocity) or self.acceleration or self.velocity_error):
             return self
         later = object.__new__(type(self))  # its arguments were checked when it was made
-        vars(later).update(vars(self), age=self.age + seconds)
+        age = self.age + seconds
+        vars(later).update(vars(self), age=max(age, 0.0))
+        if age < 0:
+            vx, vy = self.velocity
+            vars(later)["bodies"] = tuple(
+                (tuple((x + vx * age, y + vy * age) for x, y in corners), radius)
+                for corners, radius in self.bodies
+            )
         vars(later)["records"] = later._records()
         return later
 

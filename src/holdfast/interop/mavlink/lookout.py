@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
@@ -106,16 +106,8 @@ class _Vessel:
     heard: float
 
     def of(self, at: float) -> Obstacle:
-        """The same, known at a time; what was heard later is moved back along its course."""
-        if at >= self.at:
-            return self.obstacle.aged(at - self.at)
-        vx, vy = self.obstacle.velocity
-        back = at - self.at
-        bodies = tuple(
-            (tuple((x + vx * back, y + vy * back) for x, y in corners), radius)
-            for corners, radius in self.obstacle.bodies
-        )
-        return replace(self.obstacle, bodies=bodies)
+        """The same, known at a time."""
+        return self.obstacle.aged(at - self.at)
 
 
 class Watch:

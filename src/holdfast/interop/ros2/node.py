@@ -25,6 +25,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import xxhash
@@ -38,7 +39,15 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, OutputError
 from holdfast.host.interruption import ended_by_signals
 from holdfast.interop import ros_messages as messages
-from holdfast.interop.ros_messages import ODOMETRY, Interface, MessageError, header, made
+from holdfast.interop.ros2.lookout import Lookout, Watch
+from holdfast.interop.ros_messages import (
+    DETECTIONS,
+    ODOMETRY,
+    Interface,
+    MessageError,
+    header,
+    made,
+)
 from holdfast.interop.udp import Closing
 
 DEPTH = 10
@@ -533,6 +542,10 @@ class FilterNode(SampledNode):
     Messages of other types, without an attachment of rmw_zenoh, in another frame, or unreadable are
     refused: counted and said in the diagnostics, and not taken for a measurement or a command.
 
+    lookout: of a filter with obstacles, what it takes for some; by default vision_msgs'
+    Detection3DArray of the topic `detections`. Where these cease nothing is promised, and the
+    command is the fallback.
+
     Raises `DefinitionError` for a filter that needs more than Odometry gives, and what `Node` and
     `Relay` raise.
     """
@@ -550,10 +563,19 @@ class FilterNode(SampledNode):
         nominal: str = "nominal_command",
         command: str = "command",
         patience: float = 0.25,
+        lookout: Lookout | None = None,
     ) -> None:
         self.interface = _fitting(interface, keep)
+        if lookout is not None and keep.clearing is None:
+            raise DefinitionError(
+                "a lookout is given, and the filter keeps clear of no obstacles",
+                remedy="make it with obstacles=20",
+            )
+        if keep.clearing is not None and lookout is None:
+            lookout = Lookout()
         self.relay = Relay(keep, patience=patience)
-        topics = odometry, nominal, command
+        looked = () if lookout is None else (lookout.detections or odometry, *lookout.neighbours)
+        topics = odometry, nominal, command, *looked
         super().__init__(name, namespace, network, keep.sample_time, topics)
         self._states = keep.measured_states
         self._rest: Mapping[str, float] = {}
@@ -561,9 +583,16 @@ class FilterNode(SampledNode):
         self._nominal = self.node.subscription(nominal, self.interface.command)
         self._command = self.node.publisher(command, self.interface.command)
         self._decisions = self.node.publisher("~/decisions", TEXT)
-        self._diagnostics = Diagnostics(
-            self.node, keep.system.name, {"odometry": self._odometry, "command": self._nominal}
-        )
+        heard = {"odometry": self._odometry, "command": self._nominal}
+        self._watch = None if lookout is None else Watch(lookout, self.interface.frame)
+        self._boxes, self._neighbours = None, dict[str, Subscription]()
+        if lookout is not None:
+            if lookout.detections is not None:
+                self._boxes = self.node.subscription(lookout.detections, DETECTIONS)
+                heard["detections"] = self._boxes
+            self._neighbours = {n: self.node.subscription(n, ODOMETRY) for n in lookout.neighbours}
+            heard |= self._neighbours
+        self._diagnostics = Diagnostics(self.node, keep.system.name, heard)
 
     def step(self, now: float) -> DecisionRecord:
         """Take what came, decide, and publish."""
@@ -574,6 +603,7 @@ class FilterNode(SampledNode):
         if asked is not None:
             inputs, self._rest = asked
             self.relay.commanded(inputs, now)
+        self._look(now)
         record = self.relay.decide(now)
         rest = {} if record.lost else self._rest
         stamp = time.time_ns()
@@ -581,6 +611,18 @@ class FilterNode(SampledNode):
         self._decisions.send(made(TEXT, data=record.line()))
         self._diagnostics.tell(record, now, stamp, self.loop.skipped)
         return record
+
+    def _look(self, now: float) -> None:
+        """Take what came of obstacles."""
+        watch = self._watch
+        if watch is None:
+            return
+        if self._boxes is not None:
+            watch.seen(_newest(self._boxes, watch.boxes), now)
+        for topic, subscription in self._neighbours.items():
+            watch.met(topic, _newest(subscription, partial(watch.neighbour, topic)), now)
+        if (around := watch.around(now)) is not None:
+            self.relay.surrounded(*around)
 
     def close(self) -> None:
         """Send the fallback and leave the graph."""
@@ -676,6 +718,7 @@ class FilterOptions(TypedDict, total=False):
     nominal: str
     command: str
     patience: float
+    lookout: Lookout | None
 
 
 @checked
