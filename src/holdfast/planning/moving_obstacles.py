@@ -73,7 +73,12 @@ class Obstacle(Value):
             raise DefinitionError(f"velocity of an obstacle is {self.velocity!r}", expected="two")
         if any(radius < 0 for _, radius in self.bodies):
             raise DefinitionError("the radius of an obstacle is below 0", expected="0 or more")
-        object.__setattr__(self, "records", self._records())
+        try:
+            object.__setattr__(self, "records", self._records())
+        except (struct.error, OverflowError):
+            raise DefinitionError(
+                f"the numbers of an obstacle are {self!r}"[:80], expected="numbers"
+            ) from None
 
     @property
     def count(self) -> int:
@@ -91,6 +96,7 @@ class Obstacle(Value):
             for corners, radius in self.bodies
         )  # fmt: skip
 
+    @checked
     def aged(self, seconds: float) -> Self:
         """The same, known so much later [s]; itself, where it surely stands.
 
@@ -114,6 +120,7 @@ class Obstacle(Value):
         return later
 
     @classmethod
+    @checked
     def of_table(cls, table: Mapping[str, Any]) -> Self:
         """An obstacle of a table, as of JSON or TOML: a shape, and keywords of its motion.
 
@@ -172,7 +179,7 @@ class Obstacle(Value):
         >>> hf.Obstacle.disc((2, 1), 0.4).bodies
         ((((2.0, 1.0),), 0.4),)
         """
-        return cls((((_point(centre),), float(radius)),), **motion)
+        return cls((((_point(centre),), _length(radius)),), **motion)
 
     @classmethod
     def capsule(cls, start: Point, end: Point, radius: float, **motion: Any) -> Self:
@@ -183,9 +190,10 @@ class Obstacle(Value):
         >>> hf.Obstacle.capsule((0, 2), (3, 2), 0.1, name="boom").count
         1
         """
-        return cls((((_point(start), _point(end)), float(radius)),), **motion)
+        return cls((((_point(start), _point(end)), _length(radius)),), **motion)
 
     @classmethod
+    @checked
     def polygon(cls, corners: Sequence[Point], radius: float = 0.0, **motion: Any) -> Self:
         """A polygon. corners: (x, y) [m] in order, not closed. radius [m]: around it.
 
@@ -195,7 +203,12 @@ class Obstacle(Value):
         >>> hf.Obstacle.polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]).count
         2
         """
-        points = [_point(corner) for corner in corners]
+        try:
+            points = [_point(corner) for corner in corners]
+        except TypeError:
+            raise DefinitionError(
+                f"the corners are {corners!r}"[:80], expected="three or more (x, y)"
+            ) from None
         if not all(math.isfinite(x) for point in points for x in point):
             return cls(((tuple(points), float(radius)),), **motion)
         shape = polygon_of(motion.get("name") or "obstacle", points)
@@ -203,6 +216,7 @@ class Obstacle(Value):
         return cls(bodies, **motion)
 
     @classmethod
+    @checked
     def ellipse(cls, centre: Point, axes: Point, heading: float = 0.0, **motion: Any) -> Self:
         """An ellipse, as a polygon around it that is wider by up to .9 %.
 
@@ -215,7 +229,9 @@ class Obstacle(Value):
         (x, y), (a, b) = _point(centre), _point(axes)
         if a < 0 or b < 0:
             raise DefinitionError(f"the half axes are {a:g} and {b:g}", expected="0 or more")
-        cos, sin = math.cos(heading), math.sin(heading)
+        cos = sin = math.nan
+        if math.isfinite(heading):
+            cos, sin = math.cos(heading), math.sin(heading)
         wider = 1.0 / math.cos(math.pi / SIDES_OF_ELLIPSE)
         turns = [2.0 * math.pi * k / SIDES_OF_ELLIPSE for k in range(SIDES_OF_ELLIPSE)]
         corners = tuple(
@@ -315,9 +331,16 @@ def _row(said: Any, what: str, count: int) -> list[float]:
     return [_number(number, what) for number in said]
 
 
+def _length(radius: Any) -> float:
+    try:
+        return float(radius)
+    except (TypeError, ValueError, OverflowError):
+        raise DefinitionError(f"a radius is {radius!r}"[:80], expected="metres") from None
+
+
 def _point(point: Point) -> tuple[float, float]:
     try:
         x, y = (float(c) for c in point)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise DefinitionError(f"a point is {point!r}"[:80], expected="(x, y)") from None
     return x, y

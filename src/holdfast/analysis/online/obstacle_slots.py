@@ -267,6 +267,11 @@ class Among:
         self, slots: ObstacleSlots, command: Command | Commander, obstacles: Surroundings
     ) -> None:
         self.slots, self.obstacles = slots, obstacles
+        for what, function in (("command", command), ("obstacles", obstacles)):
+            if not callable(function) and not (what == "command" and hasattr(command, "most")):
+                raise SimulationError(
+                    f"{what} is {function!r}"[:80], expected="a function of t and the states"
+                )
         self.of_command: Commander = Function(command) if callable(command) else command
         self.most = self.of_command.most
         self.least = np.empty(0)

@@ -108,6 +108,7 @@ class Relay:
         """A command, given or received at `now` [s]."""
         self._command.take(_time(now), numbers(command, self.commands, "command"))
 
+    @checked
     def surrounded(self, obstacles: Sequence[Obstructs], now: float) -> None:
         """All obstacles that are known, of a time `now` [s]; an empty list says that none is there.
 
@@ -128,7 +129,8 @@ class Relay:
                 "obstacles are given to a filter without room for any",
                 remedy="make it with obstacles=20, as many as it is to count with",
             )
-        if isinstance(obstacles, str) or not all(hasattr(o, "records") for o in obstacles):
+        listed = isinstance(obstacles, list | tuple)
+        if not listed or not all(hasattr(o, "records") for o in obstacles):
             raise SimulationError(
                 f"the obstacles are {obstacles!r}"[:80], expected="a list of hf.Obstacle"
             )
