@@ -360,6 +360,8 @@ FUNCTIONS = {
 }  # fmt: skip
 
 FINE = {
+    ("disc", "radius", "nan"),  # `step` then answers NOT_A_NUMBER
+    ("capsule", "radius", "nan"),
     ("compare", "laws", "none"),  # all of them: minutes
     ("compare", "cases", "none"),
     ("sweep", "executor", "none"),  # processes of its own
@@ -407,6 +409,13 @@ CLASSES = {
     "OccupancyMap": lambda: {
         "cells": [[0, 100]], "resolution": 0.5, "origin": (0.0, 0.0, 0.0), "unknown": "free", "occupied_thresh": 0.65, "free_thresh": 0.2,
     },
+    "Obstacle": lambda: {
+        "bodies": ((((1.0, 2.0),), 0.4),), "velocity": (0.1, 0.0), "acceleration": 0.1, "velocity_error": 0.1,
+        "age": 0.1, "share": 0.5, "name": "buoy",
+    },
+    "Obstacles": lambda: {
+        "most": 2, "hull": 0.2, "lead": 0.3, "speed": 0.2, "clearance": 0.1, "position": ("x", "y"), "heading": "psi",
+    },
     "Parameter": lambda: {"name": "k", "unit": "1", "description": "", "angle": False, "value": 1.0, "source": "", "assumed": False, "above": 0.0},
     "PfaffianRow": lambda: {"coefficients": {"x": x}, "rhs": 0},
     "Product": lambda: {"parts": (hf.Box((-1,), (1,)), hf.Ball(1, 2))},
@@ -452,6 +461,16 @@ METHODS = {
     ),
     "Relay.measured": lambda: (hf.Relay(keeper()), {"state": [0.1], "now": 0.0, "disturbance": None}),
     "Relay.commanded": lambda: (hf.Relay(keeper()), {"command": [0.1], "now": 0.0}),
+    "Relay.surrounded": lambda: (hf.Relay(clear()), {"obstacles": [buoy()], "now": 0.0}),
+    "SafetyFilter.among": lambda: (
+        clear(), {"command": lambda t, q: [[0.1, 0.0]], "obstacles": lambda t, q: [[buoy()]]},
+    ),
+    "Obstacle.aged": lambda: (buoy(), {"seconds": 0.1}),
+    "Obstacle.of_table": lambda: (buoy(), {"table": {"disc": [1, 2, 0.5], "velocity": [0.1, 0]}}),
+    "Obstacle.disc": lambda: (buoy(), {"centre": (1, 2), "radius": 0.4}),
+    "Obstacle.capsule": lambda: (buoy(), {"start": (1, 2), "end": (2, 2), "radius": 0.4}),
+    "Obstacle.ellipse": lambda: (buoy(), {"centre": (1, 2), "axes": (0.4, 0.2), "heading": 0.1}),
+    "Obstacle.polygon": lambda: (buoy(), {"corners": [(1, 2), (2, 2), (2, 3)], "radius": 0.1}),
     "Relay.decide": lambda: (hf.Relay(keeper()), {"now": 0.0}),
     "Plant.step": lambda: (hf.Plant(line(), [0.1]), {"input": [0.2], "disturbance": [0.1]}),
     "ValueFunction.values": lambda: (value(), {"time": None}),
@@ -489,6 +508,16 @@ METHODS = {
 
 def some_map():
     return hf.OccupancyMap([[0, 100], [0, -1]], 0.5)
+
+
+def buoy():
+    return hf.Obstacle.disc((1, 2), 0.4, velocity=(0.1, 0))
+
+
+@cache
+def clear():
+    """A filter of a robot among obstacles."""
+    return hf.SafetyFilter(hf.systems.unicycle(), obstacles=hf.Obstacles(2, lead=0.3), gains=(1, 4))
 
 
 @cache

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, HoldfastError, check_name, suggestion
@@ -34,7 +34,21 @@ COMMANDS = {
 }
 """Message of geometry_msgs -> its vectors, and their units."""
 
+DETECTIONS = "vision_msgs/msg/Detection3DArray"
+_VISION = {
+    "Detection3DArray": "std_msgs/Header header\nDetection3D[] detections",
+    "Detection3D": "std_msgs/Header header\nObjectHypothesisWithPose[] results\n"
+    "BoundingBox3D bbox\nstring id",
+    "BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+    "ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\n"
+    "geometry_msgs/PoseWithCovariance pose",
+    "ObjectHypothesis": "string class_id\nfloat64 score",
+}
+"""The fields of vision_msgs 4.1.1, which is no part of the standard messages."""
+
 STORE: Any = get_typestore(Stores.ROS2_JAZZY)
+for _name, _fields in _VISION.items():
+    STORE.register(get_types_from_msg(_fields, f"vision_msgs/msg/{_name}"))
 _NOTHING = np.zeros(36)
 _AXES = ("x", "y", "z")
 

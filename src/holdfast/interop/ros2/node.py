@@ -25,6 +25,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import xxhash
@@ -37,11 +38,20 @@ from holdfast.analysis.online.relay import Relay
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, OutputError
-from holdfast.execution.arrays import Array
 from holdfast.host.interruption import ended_by_signals
 from holdfast.interop import ros_messages as messages
-from holdfast.interop.ros_messages import GRID, ODOMETRY, Interface, MessageError, header, made
+from holdfast.interop.ros2.lookout import Lookout, Watch
+from holdfast.interop.ros_messages import (
+    DETECTIONS,
+    GRID,
+    ODOMETRY,
+    Interface,
+    MessageError,
+    header,
+    made,
+)
 from holdfast.interop.udp import Closing
+from holdfast.planning.moving_obstacles import Obstacle
 from holdfast.planning.occupancy_map import OccupancyMap, Unknown
 
 DEPTH = 10
@@ -561,8 +571,12 @@ class FilterNode(SampledNode):
     Messages of other types, without an attachment of rmw_zenoh, in another frame, or unreadable are
     refused: counted and said in the diagnostics, and not taken for a measurement or a command.
 
-    Raises `DefinitionError` for a filter that needs more than Odometry gives, for obstacles without
-    a map, and what `Node` and `Relay` raise.
+    lookout: of a filter with obstacles, what it takes for some; without a map by default
+    vision_msgs' Detection3DArray of the topic `detections`. Where these cease nothing is promised,
+    and the command is the fallback.
+
+    Raises `DefinitionError` for a filter that needs more than Odometry gives, for a map or a
+    lookout beside a filter without obstacles, and what `Node` and `Relay` raise.
     """
 
     @checked
@@ -581,23 +595,24 @@ class FilterNode(SampledNode):
         map: str | None = None,
         unknown: Unknown = "occupied",
         within: float = 3.0,
+        lookout: Lookout | None = None,
     ) -> None:
         self.interface = _fitting(interface, keep)
-        if (keep.clearing is None) != (map is None):
+        if keep.clearing is None and (map is not None or lookout is not None):
             raise DefinitionError(
-                "a filter without obstacles has a map"
-                if map
-                else "a filter with obstacles has no map",
-                expected="map='map', say, the topic of a nav_msgs/OccupancyGrid, for obstacles",
+                f"a {'map' if map else 'lookout'} is given, and the filter keeps clear of no "
+                "obstacles",
+                remedy="make it with obstacles=20",
             )
+        if keep.clearing is not None and map is None and lookout is None:
+            lookout = Lookout()
         self.map: OccupancyMap | None = None
         self._unknown, self._within = unknown, within
-        self._place = [
-            keep.measured_states.index(n) for n in (keep.clearing.position if keep.clearing else ())
-        ]
-        around = None if map is None else self._near
-        self.relay = Relay(keep, patience=patience, around=around)
-        topics = odometry, nominal, command, *([map] if map else [])
+        self._position = keep.clearing.position if keep.clearing else ()
+        self._place: list[float] | None = None
+        self.relay = Relay(keep, patience=patience)
+        looked = () if lookout is None else (lookout.detections or odometry, *lookout.neighbours)
+        topics = odometry, nominal, command, *([map] if map else []), *looked
         super().__init__(name, namespace, network, keep.sample_time, topics)
         self._states = keep.measured_states
         self._rest: Mapping[str, float] = {}
@@ -605,11 +620,19 @@ class FilterNode(SampledNode):
         self._nominal = self.node.subscription(nominal, self.interface.command)
         self._command = self.node.publisher(command, self.interface.command)
         self._decisions = self.node.publisher("~/decisions", TEXT)
-        subscriptions = {"odometry": self._odometry, "command": self._nominal}
+        heard = {"odometry": self._odometry, "command": self._nominal}
         self._map = None if map is None else self.node.subscription(map, GRID, latched=True)
         if self._map is not None:
-            subscriptions["map"] = self._map
-        self._diagnostics = Diagnostics(self.node, keep.system.name, subscriptions)
+            heard["map"] = self._map
+        self._watch = None if lookout is None else Watch(lookout, self.interface.frame)
+        self._boxes, self._neighbours = None, dict[str, Subscription]()
+        if lookout is not None:
+            if lookout.detections is not None:
+                self._boxes = self.node.subscription(lookout.detections, DETECTIONS)
+                heard["detections"] = self._boxes
+            self._neighbours = {n: self.node.subscription(n, ODOMETRY) for n in lookout.neighbours}
+            heard |= self._neighbours
+        self._diagnostics = Diagnostics(self.node, keep.system.name, heard)
 
     def step(self, now: float) -> DecisionRecord:
         """Take what came, decide, and publish."""
@@ -617,12 +640,14 @@ class FilterNode(SampledNode):
             self.map = _newest(self._map, self._read_map) or self.map
         state = _newest(self._odometry, self.interface.state)
         unmapped = self._map is not None and self.map is None
-        if state is not None and not unmapped:
+        if state is not None:
             self.relay.measured([state[n] for n in self._states], now)
+            self._place = [state[n] for n in self._position]
         asked = _newest(self._nominal, self.interface.inputs)
         if asked is not None:
             inputs, self._rest = asked
             self.relay.commanded(inputs, now)
+        self._look(now)
         record = self.relay.decide(now)
         if unmapped and record.why:
             record = replace(record, why="no map yet: the input is the fallback")
@@ -636,9 +661,25 @@ class FilterNode(SampledNode):
     def _read_map(self, message: Any) -> OccupancyMap:
         return self.interface.map(message, self._unknown, self.map)
 
-    def _near(self, state: Array) -> Any:
-        """The obstacles of the map at a measured state, shape (states,)."""
-        return [] if self.map is None else self.map.near(state[self._place], self._within)
+    def _look(self, now: float) -> None:
+        """Take what came of obstacles, and those of the map around the last place."""
+        if self._watch is None and self._map is None:
+            return
+        around: tuple[list[Obstacle], float] | None = [], now
+        if (watch := self._watch) is not None:
+            if self._boxes is not None:
+                watch.seen(_newest(self._boxes, watch.boxes), now)
+            for topic, subscription in self._neighbours.items():
+                watch.met(topic, _newest(subscription, partial(watch.neighbour, topic)), now)
+            around = watch.around(now)
+        if around is None:
+            return
+        obstacles, at = around
+        if self._map is not None:
+            if self.map is None or self._place is None:
+                return
+            obstacles = [*obstacles, *self.map.near(self._place, self._within)]
+        self.relay.surrounded(obstacles, at)
 
     def close(self) -> None:
         """Send the fallback and leave the graph."""
@@ -737,6 +778,7 @@ class FilterOptions(TypedDict, total=False):
     map: str | None
     unknown: Unknown
     within: float
+    lookout: Lookout | None
 
 
 @checked
