@@ -448,15 +448,9 @@ def test_a_map_returns_from_its_message():
     assert Interface(hf.systems.unicycle()).map(message, "free", again) is again
 
 
-def test_obstacles_without_a_map_and_a_map_without_obstacles_are_refused():
-    with pytest.raises(DefinitionError, match="a filter with obstacles has no map"):
-        FilterNode(robot_filter())
-    with pytest.raises(DefinitionError, match="a filter without obstacles has a map"):
+def test_a_map_beside_a_filter_without_obstacles_is_refused():
+    with pytest.raises(DefinitionError, match="a map is given, and the filter keeps clear of no"):
         FilterNode(camera_filter(), map="map")
-    with pytest.raises(SimulationError, match="keeps clear of obstacles"):
-        hf.Relay(robot_filter())
-    with pytest.raises(SimulationError, match="keeps clear of no obstacles"):
-        hf.Relay(camera_filter(), around=lambda state: [])
 
 
 def test_samples_that_pass_during_a_long_step_are_skipped_and_counted():
