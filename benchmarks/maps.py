@@ -233,7 +233,7 @@ def drive(vehicle, runs, *, filtered=True, growing=False, worlds=None, seed=0, m
                     one_seen.look(place)
             listed = [s.map.near(place, NEAR) for s, place in zip(seen, states[:, :2], strict=True)]
         elif one:
-            listed = worlds[0].near(states[:, :2], NEAR)
+            listed = worlds[0].near_many(states[:, :2], NEAR)
         else:
             listed = [w.near(place, NEAR) for w, place in zip(worlds, states[:, :2], strict=True)]
         sizes = [len(bodies) for bodies in listed]
@@ -304,7 +304,7 @@ def ridge(width, runs=200, cell=0.1, seed=0):
     by_bodies = hf.SafetyFilter(
         boat, obstacles=hf.Obstacles(10, hull=RADIUS, lead=lead), gains=gains, sample_time=SAMPLE
     )
-    among = by_bodies.among(sway, lambda t, states: walls.near(states[:, :2], NEAR))
+    among = by_bodies.among(sway, lambda t, states: walls.near_many(states[:, :2], NEAR))
     for name, law, command in (
         ("smooth field", by_field.law, sway), ("bodies", by_bodies.law, among),
     ):  # fmt: skip

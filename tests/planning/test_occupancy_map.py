@@ -180,7 +180,7 @@ def test_near_leaves_out_no_cell_that_is_near(world):
     places = places_around(world, random, 60)
     cells = squares_of(world)
     within = 6 * world.resolution
-    for place, near in zip(places, world.near(places, within=within), strict=True):
+    for place, near in zip(places, world.near_many(places, within=within), strict=True):
         point = shapely.Point(place)
         exact = cells.distance(point)
         bodies = [shapely.Polygon(o.bodies[0][0]).distance(point) for o in near]
@@ -221,7 +221,7 @@ def test_a_filter_among_the_bodies_of_a_map_hits_no_cell_where_the_command_alone
     starts = [[2.5, 2.5, 0.3], [7.5, 6.0, 2.0], [17.0, 12.0, -1.0]]
     cells, least = squares_of(world), {}
     drive = keep.among(
-        lambda t, q: [[1.0, 0.0]] * len(q), lambda t, q: world.near(q[:, :2], within=1.5)
+        lambda t, q: [[1.0, 0.0]] * len(q), lambda t, q: world.near_many(q[:, :2], within=1.5)
     )
     for name, law, command in (
         ("filtered", keep.law, drive),

@@ -35,8 +35,8 @@ MOST = 10**8
 
 
 def read_map(path: str | Path) -> tuple[Array, dict[str, Any]]:
-    """The occupancy of the cells in percent, -1 unknown, the first row at the smallest y; and the
-    arguments of `OccupancyMap` beside it.
+    """The occupancy of the cells in percent, -1 unknown, shape (rows, columns), the first row at the
+    smallest y; and the arguments of `OccupancyMap` beside it.
 
     Raises `DefinitionError` for a file that cannot be read, a key that lacks, a number that is
     none, and an image whose transparency has no meaning.
