@@ -401,6 +401,25 @@ def test_a_map_file_that_is_none_is_refused_in_a_line(tmp_path, change, said):
     assert str(tmp_path) in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("image", "said"),
+    [
+        (b"P5 0 0 255\n", "is no image"),
+        (b"P5 4 4 255\n" + bytes(3), "is no image"),
+        (b"", "is no image"),
+        (b"P5 20000 5000 255\n", "has 20000 x 5000 pixels"),
+        (b"P5 200000 50000 255\n", "has too many pixels"),
+    ],
+    ids=["size 0", "cut off", "empty", "large", "larger"],
+)
+def test_an_image_that_is_none_is_refused_in_a_line(tmp_path, image, said):
+    path = written(tmp_path)
+    (tmp_path / "room.pgm").write_bytes(image)
+    with pytest.raises(DefinitionError, match=said) as refused:
+        hf.OccupancyMap.from_file(path)
+    assert "\n" not in str(refused.value)
+
+
 def test_an_image_with_an_alpha_channel_is_refused_but_for_scale(tmp_path):
     path = written(tmp_path, TEXT.replace("room.pgm", "room.png"), np.zeros((2, 2)), "room.png")
     Image.fromarray(np.zeros((2, 2, 4), dtype=np.uint8), "RGBA").save(tmp_path / "room.png")
