@@ -19,6 +19,7 @@ from attacks import (
     forgeries,
     identification,
     kernels,
+    maps,
     planted,
     scenario_files,
     sure_sets,
@@ -353,6 +354,7 @@ FIRST_MINUTE = {
     sure_sets.KIND: range(0, 8),
     identification.KIND: range(0, 12),
     scenario_files.KIND: range(0, 80),
+    maps.KIND: range(0, 12),
 }
 """Cases of seed 1, of which every fast run tries one in four."""
 
