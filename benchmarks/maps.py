@@ -192,7 +192,9 @@ class Course:
         return np.stack([self.surge * surge, turn], axis=1)
 
 
-def drive(vehicle, runs, *, filtered=True, growing=False, worlds=None, seed=0, most=MOST):
+def drive(
+    vehicle, runs, *, filtered=True, growing=False, worlds=None, seed=0, most=MOST, seconds=SECONDS
+):
     """What came of it: runs hit, least distance of the hull, infeasible samples, the way, and
     bodies that were near and had no place."""
     make, lead, gains, _ = VEHICLES[vehicle]
@@ -233,7 +235,7 @@ def drive(vehicle, runs, *, filtered=True, growing=False, worlds=None, seed=0, m
                     one_seen.look(place)
             listed = [s.map.near(place, NEAR) for s, place in zip(seen, states[:, :2], strict=True)]
         elif one:
-            listed = worlds[0].near(states[:, :2], NEAR)
+            listed = worlds[0].near_many(states[:, :2], NEAR)
         else:
             listed = [w.near(place, NEAR) for w, place in zip(worlds, states[:, :2], strict=True)]
         sizes = [len(bodies) for bodies in listed]
@@ -256,7 +258,7 @@ def drive(vehicle, runs, *, filtered=True, growing=False, worlds=None, seed=0, m
 
         law = hf.commanded(system)
     result = hf.simulate(
-        system, law, command=command, starts=states, horizon=SECONDS, sample_time=SAMPLE,
+        system, law, command=command, starts=states, horizon=seconds, sample_time=SAMPLE,
         record_every=0.5,
     )  # fmt: skip
     paths = result.arrays["state"].values[:, :, :2]
@@ -266,7 +268,7 @@ def drive(vehicle, runs, *, filtered=True, growing=False, worlds=None, seed=0, m
         "hit without an infeasible sample": int(((least < 0) & (slack == 0)).sum()),
         "least": float(least.min()),
         "runs with an infeasible sample": int((slack > 0).sum()),
-        "infeasible": float(slack.mean() / (SECONDS / SAMPLE)),
+        "infeasible": float(slack.mean() / (seconds / SAMPLE)),
         "way": float(np.median(np.linalg.norm(np.diff(paths, axis=1), axis=2).sum(axis=1))),
         "near": counted["near"] / max(runs * counted["sample"], 1),
         "most near": counted["most"],
@@ -304,7 +306,7 @@ def ridge(width, runs=200, cell=0.1, seed=0):
     by_bodies = hf.SafetyFilter(
         boat, obstacles=hf.Obstacles(10, hull=RADIUS, lead=lead), gains=gains, sample_time=SAMPLE
     )
-    among = by_bodies.among(sway, lambda t, states: walls.near(states[:, :2], NEAR))
+    among = by_bodies.among(sway, lambda t, states: walls.near_many(states[:, :2], NEAR))
     for name, law, command in (
         ("smooth field", by_field.law, sway), ("bodies", by_bodies.law, among),
     ):  # fmt: skip

@@ -20,6 +20,7 @@ from attacks import (
     games,
     identification,
     kernels,
+    maps,
     planted,
     scenario_files,
     sure_sets,
@@ -355,6 +356,7 @@ FIRST_MINUTE = {
     identification.KIND: range(0, 12),
     scenario_files.KIND: range(0, 80),
     games.KIND: range(0, 8),
+    maps.KIND: range(0, 12),
 }
 """Cases of seed 1, of which every fast run tries one in four."""
 

@@ -180,7 +180,7 @@ def test_near_leaves_out_no_cell_that_is_near(world):
     places = places_around(world, random, 60)
     cells = squares_of(world)
     within = 6 * world.resolution
-    for place, near in zip(places, world.near(places, within=within), strict=True):
+    for place, near in zip(places, world.near_many(places, within=within), strict=True):
         point = shapely.Point(place)
         exact = cells.distance(point)
         bodies = [shapely.Polygon(o.bodies[0][0]).distance(point) for o in near]
@@ -221,7 +221,7 @@ def test_a_filter_among_the_bodies_of_a_map_hits_no_cell_where_the_command_alone
     starts = [[2.5, 2.5, 0.3], [7.5, 6.0, 2.0], [17.0, 12.0, -1.0]]
     cells, least = squares_of(world), {}
     drive = keep.among(
-        lambda t, q: [[1.0, 0.0]] * len(q), lambda t, q: world.near(q[:, :2], within=1.5)
+        lambda t, q: [[1.0, 0.0]] * len(q), lambda t, q: world.near_many(q[:, :2], within=1.5)
     )
     for name, law, command in (
         ("filtered", keep.law, drive),
@@ -399,6 +399,25 @@ def test_a_map_file_that_is_none_is_refused_in_a_line(tmp_path, change, said):
         hf.OccupancyMap.from_file(written(tmp_path, TEXT.replace(*change)))
     assert "\n" not in str(refused.value)
     assert str(tmp_path) in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("image", "said"),
+    [
+        (b"P5 0 0 255\n", "is no image"),
+        (b"P5 4 4 255\n" + bytes(3), "is no image"),
+        (b"", "is no image"),
+        (b"P5 20000 5000 255\n", "has 20000 x 5000 pixels"),
+        (b"P5 200000 50000 255\n", "has too many pixels"),
+    ],
+    ids=["size 0", "cut off", "empty", "large", "larger"],
+)
+def test_an_image_that_is_none_is_refused_in_a_line(tmp_path, image, said):
+    path = written(tmp_path)
+    (tmp_path / "room.pgm").write_bytes(image)
+    with pytest.raises(DefinitionError, match=said) as refused:
+        hf.OccupancyMap.from_file(path)
+    assert "\n" not in str(refused.value)
 
 
 def test_an_image_with_an_alpha_channel_is_refused_but_for_scale(tmp_path):

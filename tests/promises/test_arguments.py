@@ -443,7 +443,8 @@ METHODS = {
     "OccupancyMap.update": lambda: (some_map(), {"patch": [[100]], "row": 0, "column": 1}),
     "OccupancyMap.occupied": lambda: (some_map(), {"points": [[0.1, 0.2]]}),
     "OccupancyMap.distance": lambda: (some_map(), {"points": [[0.1, 0.2]]}),
-    "OccupancyMap.near": lambda: (some_map(), {"points": [0.1, 0.2], "within": 1.0}),
+    "OccupancyMap.near": lambda: (some_map(), {"point": [0.1, 0.2], "within": 1.0}),
+    "OccupancyMap.near_many": lambda: (some_map(), {"points": [[0.1, 0.2]], "within": 1.0}),
     "OccupancyMap.polygons": lambda: (some_map(), {"box": ((0.0, 1.0), (0.0, 1.0))}),
     "CertifiedFilter.step": lambda: (hf.CertifiedFilter(certificate()), {"state": [1.2, 0.1], "command": [0.1, 0.2], "t": None, "disturbance": None}),
     "CertifiedFilter.step_many": lambda: (

@@ -14,6 +14,7 @@ and that is not known to be free: it is unknown here.
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +31,13 @@ KEYS = ("image", "origin", *NUMBERS)
 MODES = ("trinary", "scale", "raw")
 LARGEST = 2**20
 """The largest size of the text in bytes."""
-MOST = 10**8
+MOST = 5 * 10**7
 """The most cells."""
 
 
 def read_map(path: str | Path) -> tuple[Array, dict[str, Any]]:
-    """The occupancy of the cells in percent, -1 unknown, the first row at the smallest y; and the
-    arguments of `OccupancyMap` beside it.
+    """The occupancy of the cells in percent, shape (rows, columns), -1 for unknown, with the first
+    row at the smallest y; and the arguments of `OccupancyMap` beside it.
 
     Raises `DefinitionError` for a file that cannot be read, a key that lacks, a number that is
     none, and an image whose transparency has no meaning.
@@ -89,7 +90,7 @@ def _read_image(path: Path, *, alpha: bool) -> tuple[Array, int, Array]:
     """The mean of the colours of every pixel, the number of white, and which pixels are opaque;
     shapes (rows, columns). alpha: whether pixels may be transparent."""
     try:
-        with Image.open(path) as file:
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as file:
             columns, rows = file.size
             if rows * columns > MOST:
                 raise DefinitionError(

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, Self, overload
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -344,32 +344,34 @@ class OccupancyMap:
         )
         return placed
 
-    @overload
-    def near(self, points: Sequence[float], within: float) -> list[Obstacle]: ...
-    @overload
-    def near(self, points: Array, within: float) -> Any: ...
     @checked
-    def near(self, points: npt.ArrayLike, within: float) -> Any:
+    def near(self, point: Sequence[float] | Array, within: float) -> list[Obstacle]:
         """The obstacles that are near: convex bodies that cover the sides of the occupied cells.
 
-        points: x and y [m] of a vehicle, or shape (vehicles, 2) for a list of each. within [m]: all
-        bodies are there that are no farther. A body reaches beyond the occupied cells by a cell at
-        most, and by nothing along walls that follow the rows of cells. In an occupied cell, and
-        outside a map whose outside is occupied, the cell of the place is an obstacle too.
+        point: x and y [m] of a vehicle, shape (2,). within [m]: all bodies are there that are no
+        farther. A body reaches beyond the occupied cells by a cell at most, and by nothing along
+        walls that follow the rows of cells. In an occupied cell, and outside a map whose outside is
+        occupied, the cell of the place is an obstacle too.
 
-        Raises `DefinitionError` for a distance that is none.
+        Raises `DefinitionError` for a point and for a distance that are none.
 
         >>> flat = hf.OccupancyMap.from_file("examples/rooms.yaml")
         >>> guard = hf.SafetyFilter(robot, obstacles=hf.Obstacles(20, lead=0.3), gains=(1, 4))
         >>> guard.step([2, 2, 0], [1, 0], obstacles=flat.near([2, 2], within=2.0))
         <Decision at 0 s: passed, input [1.0, 0.0]>
         """
+        place = _numbers(point)
+        if place.shape != (2,):
+            raise DefinitionError(f"the point is {point!r}"[:80], expected="(x, y) [m]")
+        return self.near_many(place[np.newaxis], within)[0]
+
+    @checked
+    def near_many(self, points: npt.ArrayLike, within: float) -> list[list[Obstacle]]:
+        """What `near` gives, for many vehicles. points: shape (vehicles, 2)."""
         if not (math.isfinite(within) and within >= 0):
             raise DefinitionError(f"within is {within:g}", expected="m, 0 or more")
+        inside = self.occupied(points)
         places = _numbers(points)
-        one = places.ndim == 1
-        places = places[np.newaxis] if one else places
-        inside = self.occupied(places)
         self._convex()
         listed: list[list[Obstacle]] = [[] for _ in places]
         finite = np.flatnonzero(np.isfinite(places).all(axis=1))
@@ -379,7 +381,7 @@ class OccupancyMap:
             listed[k].append(self._obstacle(number))
         for k in finite[inside[finite]].tolist():
             listed[k].append(self._cell_at(places[k]))
-        return listed[0] if one else listed
+        return listed
 
     def _obstacle(self, number: int) -> Obstacle:
         obstacle = self._obstacles[number]
