@@ -472,8 +472,8 @@ class SafetyFilter(Remade):
         state, command, disturbance: numbers in the order of their names, or by name; the measured
         states only. t [s]: by default the number of samples since `reset` times the sample time.
         obstacles: of `hf.Obstacle`, all that are known, for a filter that has room for them; or
-        discs, shape (count, 3 to 9), the columns of `obstacle_slots.DISC`. A vehicle's loop calls it
-        once a sample. Raises `SimulationError` for wrong names or shapes; numbers that are not
+        discs, shape (count, 3 to 9), the columns of `obstacle_slots.DISC`. A loop calls it once a
+        sample. Raises `SimulationError` for wrong names or shapes; numbers that are not
         finite are a status.
         """
         readings = self._told
