@@ -92,7 +92,7 @@ def in_c(keep: hf.SafetyFilter, states: np.ndarray, commands: np.ndarray, around
 def main() -> None:
     """Print the table."""
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-    print("| 20 obstacles around a | changed | discs as an array | as hf.Obstacle | C | build |")
+    print("| obstacles around a | changed | discs as an array | as hf.Obstacle | C | build |")
     print("|---|---|---|---|---|---|")
     rng = np.random.default_rng(0)
     for name, system, clear, gains in vehicles():

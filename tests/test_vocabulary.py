@@ -48,6 +48,7 @@ TABLES = {
             "redesign": "hf.redesign, below",
             "tracking": "hf.track_velocity: its gains by the names of velocities",
             "safeguard": "hf.safeguard",
+            "obstacles": "hf.Obstacles, and what the runs meet",
             "observer": "hf.observe",
             "safety": "hf.safety_law",
             "kernels": "alters other files",

@@ -13,7 +13,7 @@ from holdfast.errors import SimulationError
 from holdfast.interop.mavlink import BodyVelocity, Lookout, SafetyComponent
 from holdfast.interop.mavlink.lookout import Watch
 from holdfast.interop.planar_motion import PlanarMotion
-from tests.interop.test_mavlink import Boat, Ground
+from tests.interop.mavlink_ends import Boat, Ground
 
 NONE, UNKNOWN, FAR = 1001, 0xFFFF, 1000
 POSE = ("x", "y", "psi")

@@ -35,6 +35,7 @@ from holdfast.interop.ros2 import (  # noqa: E402
 )
 from holdfast.interop.ros2 import node as wire  # noqa: E402
 from holdfast.interop.ros2.node import Loop  # noqa: E402
+from tests.interop.ros2_network import local  # noqa: E402
 
 LOST_BY_THE_CONTROLLER = ([-1.3, 0.75, -0.35], [-1.06, -0.49, 0.78], [-1.05, 0.59, -0.44])
 """Starts in the view from which the controller of docs/own_controller.md loses it within 2 s."""
@@ -44,24 +45,6 @@ UNDER_THE_COMMAND_LINE = (
 )
 """The filter where the commands of holdfast hear the signals too."""
 STRING = "std_msgs/msg/String"
-
-
-def free_address():
-    with socket.socket() as made:
-        made.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{made.getsockname()[1]}"
-
-
-def local(address, domain=5):
-    return Network(domain=domain, connect=(address,), listen=("tcp/127.0.0.1:0",))
-
-
-@pytest.fixture
-def hub():
-    """The address of a router that runs."""
-    address = free_address()
-    with router(address):
-        yield address
 
 
 @pytest.fixture

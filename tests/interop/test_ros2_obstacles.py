@@ -17,7 +17,7 @@ for package in ("zenoh", "rosbags", "xxhash"):
 from holdfast.interop import ros_messages as ros  # noqa: E402
 from holdfast.interop.ros2 import FilterNode, Interface, Lookout, MessageError, Node  # noqa: E402
 from holdfast.interop.ros2.lookout import Watch  # noqa: E402
-from tests.interop.test_ros2 import hub, local  # noqa: E402, F401
+from tests.interop.ros2_network import local  # noqa: E402
 
 SIDES = (2.0, 1.0)
 
@@ -134,7 +134,7 @@ def test_a_lookout_of_no_numbers_is_refused(settings, why):
 
 
 @pytest.mark.heavy
-def test_a_node_keeps_clear_of_what_is_detected_and_says_what_it_lacks(hub):  # noqa: F811
+def test_a_node_keeps_clear_of_what_is_detected_and_says_what_it_lacks(hub):
     """A robot is commanded straight at a box; the messages come over Zenoh."""
     robot = hf.systems.unicycle()
     clear = hf.Obstacles(10, hull=0.2, lead=0.4, speed=0.5)

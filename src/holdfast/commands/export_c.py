@@ -106,7 +106,7 @@ def _timed(scenario: Scenario, text: str, table: Path | None) -> str:
     from holdfast.execution.codegen.c_timing import time_law
 
     if scenario.law.handed:
-        return "  not timed: another controller hands it its command at every sample"
+        return "  not timed: others hand it a command, or obstacles, at every sample"
     runs = min(scenario.runs, TIMED_RUNS)
     try:
         with bar("runs to time it") as tell:

@@ -368,6 +368,8 @@ def of_loop(
     """Closed loops with their first starts; `ScenarioError` where no page can have them."""
     if loaded.plane is None:
         raise ScenarioError(f"'{scenario}' has one state", expected="two states to draw in")
+    if loaded.surroundings is not None:
+        raise ScenarioError(f"'{scenario}' has obstacles that move, which no page has")
     if loaded.law.handed:
         raise ScenarioError(
             f"the law of '{scenario}' is commanded by another controller, which no page has",

@@ -650,6 +650,8 @@ def _closed_loop(
     shown: str, text: str, data: dict[str, Any], runs: int | None, seed: int | None
 ) -> Scenario:
     made = scenario_of(shown, text, data, runs, seed)
+    if isinstance(made, Scenario) and made.surroundings is not None:
+        raise ScenarioError(f"{shown}: it has obstacles that move, which no tuning counts with")
     if not isinstance(made, Scenario) or made.law.handed:
         raise ScenarioError(
             f"{shown}: it has no law of its own to tune", expected="a closed loop with a [law]"

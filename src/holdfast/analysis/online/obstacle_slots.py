@@ -262,11 +262,11 @@ class ObstacleSlots:
         states, poses, hull, pairs, near, touch = self._at
         self._states[:] = state[: len(self._states), np.newaxis]  # not what actuators add
         self._pose_of(states, poses, LANES, LANES)
-        found: int = self._find(
+        count: int = self._find(
             hull, self._parts, poses, LANES, records, len(records) // 8, *self._how, pairs, near,
             touch,
         )  # fmt: skip
-        return found
+        return count
 
 
 DISC = ("x", "y", "radius", "vx", "vy", "acceleration", "share", "age", "velocity_error")

@@ -311,7 +311,8 @@ class SafetyFilter(Remade):
     `holdfast.safeguard` (a control barrier function, of order two where necessary) for each of its
     inequalities; with a `ValueFunction`, a kernel, those of `holdfast.safety_law`.
 
-    system: its inputs are what the command gives. keep: a kernel of this system, which may be put
+    system: its inputs are what the command gives. obstacles: of how many it keeps clear that `step`
+    is told of, or `hf.Obstacles`. keep: a kernel of this system, which may be put
     together from one part (`PartsValue`, see `parts_law`), or a region; or several of them, at most
     one a kernel, in order of priority: where not all can be kept, the last gives way first
     (`in_order`), and `Decision.gave_way` names what did. sample_time [s]: of your loop. delay [s]:
@@ -475,8 +476,10 @@ class SafetyFilter(Remade):
 
         state, command, disturbance: numbers in the order of their names, or by name; the measured
         states only. t [s]: by default the number of samples since `reset` times the sample time.
-        A vehicle's loop calls it once a sample. Raises `SimulationError` for wrong names or shapes;
-        numbers that are not finite are a status.
+        obstacles: of `hf.Obstacle`, all that are known, for a filter that has room for them; or
+        discs, shape (count, 3 to 9), the columns of `obstacle_slots.DISC`. A loop calls it once a
+        sample. Raises `SimulationError` for wrong names or shapes; numbers that are not
+        finite are a status.
         """
         readings = self._told
         finite = readings.fill(state, disturbance, command)
@@ -520,11 +523,11 @@ class SafetyFilter(Remade):
     def _near(self, row: Array, obstacles: Sequence[Obstructs] | Array) -> Near:
         """Hand the nearest pairs of obstacles over, in a row of what is seen; what was near."""
         slots = self._slots
-        found = slots.fill(row[: len(self.system.states)], obstacles, row[self._told.commanded])
+        count = slots.fill(row[: len(self.system.states)], obstacles, row[self._told.commanded])
         row[len(row) - len(slots.pairs) :] = slots.pairs
         around = obstacles.copy() if isinstance(obstacles, np.ndarray) else tuple(obstacles)
         assert self.clearing is not None
-        return Near(slots.near.copy(), found, around, self.clearing.evaded, slots.unkept)
+        return Near(slots.near.copy(), count, around, self.clearing.evaded, slots.unkept)
 
     @property
     def _pairs_handed(self) -> int:

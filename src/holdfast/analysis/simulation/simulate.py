@@ -226,7 +226,10 @@ def _named(
 def flags(
     array: np.ndarray[Any, Any], values: Sequence[int], words: Sequence[str], text: str
 ) -> dict[str, Any]:
-    """The attributes of numbers that encode words (CF conventions, section 3.5)."""
+    """The attributes of numbers that encode words (CF conventions, section 3.5).
+
+    array: the numbers, shape (runs,) or (runs, samples).
+    """
     return {
         "long_name": text,
         "flag_values": np.array(values, dtype=array.dtype),
@@ -280,6 +283,7 @@ def _columns(quantities: Sequence[Quantity]) -> tuple[list[str], list[str]]:
 
 
 def labels(names: Any) -> np.ndarray[Any, Any]:
+    """Texts as an array of the shape (names,)."""
     return np.array(list(names), dtype=str) if len(names) else np.array([], dtype="<U1")
 
 

@@ -30,8 +30,8 @@ class Lookout:
     detections: the topic of vision_msgs/Detection3DArray; without a message of it for the patience
     of the node nothing is promised. None: there is no such topic. neighbours: topic of
     nav_msgs/Odometry -> radius [m] around its position. A neighbour counts from its first message
-    on; if it is silent for `lasts` [s] nothing is promised any more, and until then it is where it
-    was, moved on, grown by what it may have done. share: the part of a condition that this vehicle
+    on; it is moved on, and grown by what it may have done since. lasts [s]: if it is silent for so
+    long nothing is promised any more. share: the part of a condition that this vehicle
     meets beside a neighbour: 1/2 where the neighbour surely filters with the other half. speed
     [m/s]: what a detected thing may have, of which no velocity is known. radius [m]: added around
     a box. acceleration [m/s^2], velocity_error [m/s]: of neighbours, see `hf.Obstacle`.
