@@ -21,7 +21,7 @@ from attacks.case import Fault, Kind, Outcome
 
 MODULES = (
     "kernels", "filters", "certificates", "forgeries", "sure_sets", "identification",
-    "scenario_files", "games",
+    "scenario_files", "games", "sight",
 )  # fmt: skip
 """Every kind of attack is the `KIND` of one of them."""
 MEMORY = 6 * 2**30

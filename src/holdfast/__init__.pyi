@@ -114,6 +114,7 @@ from .maths.definitions.extension import both as both
 from .maths.definitions.extension import dynamic_extension as dynamic_extension
 from .maths.definitions.extension import input_limits as input_limits
 from .maths.definitions.extension import lagged as lagged
+from .maths.definitions.extension import panning as panning
 from .maths.definitions.extension import promote as promote
 from .maths.definitions.extension import steady_bounds as steady_bounds
 from .maths.definitions.extension import subsystem as subsystem
@@ -154,6 +155,8 @@ from .maths.reference_fields.field import Field as Field
 from .planning.moving_obstacles import Obstacle as Obstacle
 from .planning.moving_obstacles import Obstacles as Obstacles
 from .planning.obstacles import obstacles as obstacles
+from .planning.occupancy_map import OccupancyMap as OccupancyMap
+from .planning.sight import targets_in_view as targets_in_view
 from .presentation.figures.flow_lines import flow_lines_figure as flow_lines_figure
 from .presentation.figures.histories import histories_figure as histories_figure
 from .presentation.figures.paths import paths_figure as paths_figure

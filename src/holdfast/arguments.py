@@ -91,6 +91,8 @@ Written = Annotated[sp.Expr, str]
 
 InItsUnit = Annotated[float, Unit("")]
 Seconds = Annotated[float, Unit("s")]
+Metres = Annotated[float, Unit("m")]
+MetresPerSecond = Annotated[float, Unit("m/s")]
 Count = Annotated[int, Least(0)]
 OfStates = Annotated[Mapping[str, float], UnitsOf("states")]
 RangesOfStates = Annotated[Mapping[str, tuple[float, float]], UnitsOf("states")]

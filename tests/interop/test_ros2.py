@@ -338,6 +338,127 @@ def test_garbage_beside_good_messages_is_a_warning(hub, monitor):
         monitor.until(reported(0))
 
 
+# -- a map
+
+
+def robot_filter(**settings):
+    """A robot with a disc around it among the cells of a map."""
+    return hf.SafetyFilter(
+        hf.systems.unicycle(),
+        obstacles=hf.Obstacles(20, hull=0.15, lead=0.3),
+        gains=(1, 4),
+        **settings,
+    )
+
+
+def wall_ahead(unknown="free"):
+    cells = np.zeros((40, 40))
+    cells[:, 30:32] = 100
+    return hf.OccupancyMap(cells, 0.1, (-2.0, -2.0, 0.0), unknown=unknown)
+
+
+def test_newest_map_of_a_topic_keeps_a_robot_from_its_walls(hub):
+    """A latched map that was sent before the filter was there; later one without the wall."""
+    robot = hf.systems.unicycle()
+    face = Interface(robot)
+    with (
+        Node("map_server", network=local(hub)) as server,
+        Node("other", network=local(hub)) as other,
+    ):
+        maps = server.publisher("map", ros.GRID, latched=True)
+        maps.send(ros.grid_of(wall_ahead(), 0, "map"))
+        odometry = other.publisher("odometry", ros.ODOMETRY)
+        asks = other.publisher("nominal_command", face.command)
+        with FilterNode(robot_filter(), network=local(hub), map="map", unknown="free") as node:
+            state = dict(zip(face.states, [0.35, 0.0, 0.0], strict=True))
+
+            def asked(record):
+                odometry.send(face.odometry(state, 0))
+                asks.send(face.wrap({"v": 1.0, "r": 0.0}, 0))
+                return record.status == "changed"
+
+            record = stepped(node, asked)
+            assert record.input["v"] < 0.1
+            assert "body 1 of the map" in record.why
+            before = node.map
+            maps.send(
+                ros.grid_of(
+                    hf.OccupancyMap(np.zeros((40, 40)), 0.1, (-2, -2, 0), unknown="free"), 0, "map"
+                )
+            )
+            stepped(node, lambda record: asked(record) or record.status == "passed")
+            assert node.map is before  # updated in place
+
+
+def test_a_filter_moves_nothing_before_a_map_came_and_refuses_one_without_a_frame(hub):
+    face = Interface(hf.systems.unicycle())
+    with (
+        FilterNode(robot_filter(), network=local(hub), map="map") as node,
+        Node("other", network=local(hub)) as other,
+    ):
+        odometry = other.publisher("odometry", ros.ODOMETRY)
+        asks = other.publisher("nominal_command", face.command)
+        maps = other.publisher("map", ros.GRID, latched=True)
+        whys = []
+        for frame, why in (("", "a map with no frame"), ("odom", "a map in the frame 'odom'")):
+
+            def refused(record, frame=frame, why=why):
+                odometry.send(face.odometry({"x": 0.0, "y": 0.0, "psi": 0.0}, 0))
+                asks.send(face.wrap({"v": 1.0, "r": 0.0}, 0))
+                maps.send(ros.grid_of(wall_ahead(), 0, frame))
+                whys.append(record.why)
+                return why in node._map.why
+
+            record = stepped(node, refused)
+            assert record.status == "no measurement"
+            assert record.input == {"v": 0.0, "r": 0.0}
+        assert "no map yet: the input is the fallback" in whys
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda m: setattr(m.header, "frame_id", ""), "a map with no frame"),
+        (lambda m: setattr(m.header, "frame_id", "odom"), "frame 'odom'; expected map"),
+        (lambda m: setattr(m.info.origin.orientation, "x", 0.5), "tilted"),
+        (lambda m: setattr(m.info.origin.orientation, "w", math.nan), "origin of the map"),
+        (lambda m: setattr(m.info.origin.position, "y", math.inf), "origin of the map"),
+        (lambda m: setattr(m.info, "resolution", -0.1), "resolution of the map is -0.1"),
+        (lambda m: setattr(m.info, "width", 41), "a map of 40 x 41 cells has 1600"),
+        (lambda m: (setattr(m.info, "width", 0), setattr(m, "data", np.zeros(0, np.int8))), "shape"),
+        (lambda m: m.data.__setitem__(5, 101), "row 0, column 5 is 101"),
+    ],
+)  # fmt: skip
+def test_a_map_that_is_none_is_refused_in_a_line(change, why):
+    message = ros.decoded(ros.encoded(ros.grid_of(wall_ahead(), 7, "map")), ros.GRID)
+    message = ros.made(ros.GRID, header=message.header, info=message.info, data=message.data.copy())
+    change(message)
+    with pytest.raises(MessageError, match=why) as refused:
+        Interface(hf.systems.unicycle()).map(message)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_map_returns_from_its_message():
+    world = hf.OccupancyMap(wall_ahead().cells, 0.1, (1.0, -2.0, 0.7), unknown="free")
+    message = ros.decoded(ros.encoded(ros.grid_of(world, 7, "map")), ros.GRID)
+    again = Interface(hf.systems.unicycle()).map(message, "free")
+    assert (again.cells == world.cells).all()
+    assert again.resolution == 0.1
+    assert again.origin == pytest.approx(world.origin)
+    assert Interface(hf.systems.unicycle()).map(message, "free", again) is again
+
+
+def test_obstacles_without_a_map_and_a_map_without_obstacles_are_refused():
+    with pytest.raises(DefinitionError, match="a filter with obstacles has no map"):
+        FilterNode(robot_filter())
+    with pytest.raises(DefinitionError, match="a filter without obstacles has a map"):
+        FilterNode(camera_filter(), map="map")
+    with pytest.raises(SimulationError, match="keeps clear of obstacles"):
+        hf.Relay(robot_filter())
+    with pytest.raises(SimulationError, match="keeps clear of no obstacles"):
+        hf.Relay(camera_filter(), around=lambda state: [])
+
+
 def test_samples_that_pass_during_a_long_step_are_skipped_and_counted():
     loop, times = Loop(0.02), []
 

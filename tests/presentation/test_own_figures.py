@@ -188,7 +188,7 @@ def test_legends_of_a_history_lie_over_their_panels_and_beside_nothing(car):
     names = ("low", "high", "near", "far", "a_long_name_of_a_constraint", "low_again", "high_again")
     limits = [hf.Inequality(n, (-1) ** k * Y - 3 - k, "m") for k, n in enumerate(names)]
     result = hf.simulate(
-        car, hf.Law("sway", car.states, {"w": sp.cos(X)}), horizon=3.0,
+        car, hf.Law("sway", car.states, {"w": sp.cos(1.0 * X)}, empirical="a motion to draw"), horizon=3.0,
         region=hf.Region("field", car.states, limits), starts=hf.Starts(states=({"x": 0},)),
     )  # fmt: skip
     figure = hf.histories_figure(result)

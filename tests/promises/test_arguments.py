@@ -251,6 +251,12 @@ FUNCTIONS = {
         "system": hf.systems.unicycle(), "polygons": {"pier": [[0, 0], [1, 0], [0, 1]]}, "room": None, "clearance": 0.1,
         "position": ("x", "y"),
     },
+    "targets_in_view": lambda: {
+        "system": hf.panning(hf.systems.unicycle(), 1.0), "targets": {"lamp": (2.0, 2.0)},
+        "polygons": {"pier": [[0, 0], [1, 0], [0, 1]]}, "room": None, "at_least": 1, "clearance": 0.1, "half_angle": 0.5,
+        "range_min": 0.1, "range_max": 5.0, "heading": "psi", "pan": "pan", "pan_limit": 2.0, "position": ("x", "y"),
+    },
+    "panning": lambda: {"system": hf.systems.unicycle(), "rate": 1.0, "name": "pan"},
     "observe_set": lambda: {
         "system": line(), "law": push_law(), "measured": ["x"], "bandwidth": 2.0,
         "error_bounds": {"x": 0.1}, "rate_bounds": {"d": 0.1},
@@ -354,6 +360,8 @@ FUNCTIONS = {
 }  # fmt: skip
 
 FINE = {
+    ("disc", "radius", "nan"),  # `step` then answers NOT_A_NUMBER
+    ("capsule", "radius", "nan"),
     ("compare", "laws", "none"),  # all of them: minutes
     ("compare", "cases", "none"),
     ("sweep", "executor", "none"),  # processes of its own
@@ -398,6 +406,16 @@ CLASSES = {
         "quantities": (hf.Quantity("z"),), "initial": {"z": x}, "following": {"z": x}, "reads": (hf.Quantity("x"),),
         "inputs": (), "parameters": (),
     },
+    "OccupancyMap": lambda: {
+        "cells": [[0, 100]], "resolution": 0.5, "origin": (0.0, 0.0, 0.0), "unknown": "free", "occupied_thresh": 0.65, "free_thresh": 0.2,
+    },
+    "Obstacle": lambda: {
+        "bodies": ((((1.0, 2.0),), 0.4),), "velocity": (0.1, 0.0), "acceleration": 0.1, "velocity_error": 0.1,
+        "age": 0.1, "share": 0.5, "name": "buoy",
+    },
+    "Obstacles": lambda: {
+        "most": 2, "hull": 0.2, "lead": 0.3, "speed": 0.2, "clearance": 0.1, "position": ("x", "y"), "heading": "psi",
+    },
     "Parameter": lambda: {"name": "k", "unit": "1", "description": "", "angle": False, "value": 1.0, "source": "", "assumed": False, "above": 0.0},
     "PfaffianRow": lambda: {"coefficients": {"x": x}, "rhs": 0},
     "Product": lambda: {"parts": (hf.Box((-1,), (1,)), hf.Ball(1, 2))},
@@ -418,6 +436,15 @@ CLASSES = {
 
 
 METHODS = {
+    "OccupancyMap.from_file": lambda: (hf.OccupancyMap, {"path": str(Path(__file__).parents[2] / "examples" / "rooms.yaml"), "unknown": "free"}),
+    "OccupancyMap.from_distances": lambda: (
+        hf.OccupancyMap, {"distances": [[0.0, 2.0]], "resolution": 0.5, "origin": (0.0, 0.0, 0.0), "unknown": "free"},
+    ),
+    "OccupancyMap.update": lambda: (some_map(), {"patch": [[100]], "row": 0, "column": 1}),
+    "OccupancyMap.occupied": lambda: (some_map(), {"points": [[0.1, 0.2]]}),
+    "OccupancyMap.distance": lambda: (some_map(), {"points": [[0.1, 0.2]]}),
+    "OccupancyMap.near": lambda: (some_map(), {"points": [0.1, 0.2], "within": 1.0}),
+    "OccupancyMap.polygons": lambda: (some_map(), {"box": ((0.0, 1.0), (0.0, 1.0))}),
     "CertifiedFilter.step": lambda: (hf.CertifiedFilter(certificate()), {"state": [1.2, 0.1], "command": [0.1, 0.2], "t": None, "disturbance": None}),
     "CertifiedFilter.step_many": lambda: (
         hf.CertifiedFilter(certificate()), {"states": [[1.2, 0.1]], "commands": [[0.1, 0.2]]},
@@ -434,6 +461,16 @@ METHODS = {
     ),
     "Relay.measured": lambda: (hf.Relay(keeper()), {"state": [0.1], "now": 0.0, "disturbance": None}),
     "Relay.commanded": lambda: (hf.Relay(keeper()), {"command": [0.1], "now": 0.0}),
+    "Relay.surrounded": lambda: (hf.Relay(clear()), {"obstacles": [buoy()], "now": 0.0}),
+    "SafetyFilter.among": lambda: (
+        clear(), {"command": lambda t, q: [[0.1, 0.0]], "obstacles": lambda t, q: [[buoy()]]},
+    ),
+    "Obstacle.aged": lambda: (buoy(), {"seconds": 0.1}),
+    "Obstacle.of_table": lambda: (buoy(), {"table": {"disc": [1, 2, 0.5], "velocity": [0.1, 0]}}),
+    "Obstacle.disc": lambda: (buoy(), {"centre": (1, 2), "radius": 0.4}),
+    "Obstacle.capsule": lambda: (buoy(), {"start": (1, 2), "end": (2, 2), "radius": 0.4}),
+    "Obstacle.ellipse": lambda: (buoy(), {"centre": (1, 2), "axes": (0.4, 0.2), "heading": 0.1}),
+    "Obstacle.polygon": lambda: (buoy(), {"corners": [(1, 2), (2, 2), (2, 3)], "radius": 0.1}),
     "Relay.decide": lambda: (hf.Relay(keeper()), {"now": 0.0}),
     "Plant.step": lambda: (hf.Plant(line(), [0.1]), {"input": [0.2], "disturbance": [0.1]}),
     "ValueFunction.values": lambda: (value(), {"time": None}),
@@ -467,6 +504,20 @@ METHODS = {
     "Box.contains": lambda: (hf.Box((-1,), (1,)), {"values": [0.1], "slack": 0.0}),
     "Box.saturate": lambda: (hf.Box((-1,), (1,)), {"values": [x]}),
 }  # fmt: skip
+
+
+def some_map():
+    return hf.OccupancyMap([[0, 100], [0, -1]], 0.5)
+
+
+def buoy():
+    return hf.Obstacle.disc((1, 2), 0.4, velocity=(0.1, 0))
+
+
+@cache
+def clear():
+    """A filter of a robot among obstacles."""
+    return hf.SafetyFilter(hf.systems.unicycle(), obstacles=hf.Obstacles(2, lead=0.3), gains=(1, 4))
 
 
 @cache

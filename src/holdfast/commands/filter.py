@@ -43,7 +43,7 @@ TICK = 0.1
     type=float,
     default=0.25,
     show_default=True,
-    help="Largest age of a state or a command, in seconds.",
+    help="Largest age of a state, a command or a list of obstacles, in seconds.",
 )
 @click.option(
     "--log",
@@ -77,8 +77,9 @@ def command(
 
     The scenario has [law] external = true and a [safeguard] or [safety]. Standard input has one
     line of JSON for every sample, {"state": {...}, "command": {...}}, with values by name; "t" in
-    seconds and the "disturbance" are optional. Every line is answered at once with a decision on
-    standard output: its "input" is the input for the vehicle.
+    seconds and the "disturbance" are optional. A filter with [obstacles] reads a list "obstacles",
+    such as [{"disc": [x, y, radius], "velocity": [vx, vy]}]. Every line is answered at once with a
+    decision on standard output: its "input" is the input for the vehicle.
 
     If the first line is no sample, the command ends; a later line that is no sample is answered
     with the fallback.
@@ -133,7 +134,12 @@ def serve_lines(
     """
     from holdfast.analysis.online.relay import SampleLines
 
-    samples, refused = SampleLines(keep, patience=patience), 0
+    reader = None
+    if keep.clearing is not None:  # with polygons
+        from holdfast.planning.moving_obstacles import Obstacle
+
+        reader = Obstacle.of_table
+    samples, refused = SampleLines(keep, patience=patience, obstacle=reader), 0
     with postponed() as asked:
         for line in lines(descriptor_of(sys.stdin), TICK):
             if asked() or not has_reader(sys.stdout):

@@ -1,5 +1,6 @@
 """States and inputs of a system as standard messages of ROS 2.
 
+    nav_msgs/OccupancyGrid a map of occupied cells, in the frame of the pose
     nav_msgs/Odometry      pose: x, y [m] and the heading [rad]; twist: surge, sway, yaw rate
     geometry_msgs/Wrench   inputs that are forces [N] and moments [N m]
     geometry_msgs/Twist    inputs that are velocities [m/s] and turn rates [rad/s]
@@ -16,13 +17,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, HoldfastError, check_name, suggestion
 from holdfast.maths.definitions.system import System
+from holdfast.planning.occupancy_map import OccupancyMap, Unknown
 
 NANO = 1_000_000_000
+GRID = "nav_msgs/msg/OccupancyGrid"
 ODOMETRY = "nav_msgs/msg/Odometry"
 COMMANDS = {
     "Wrench": {"force": "N", "torque": "N m"},
@@ -31,7 +34,21 @@ COMMANDS = {
 }
 """Message of geometry_msgs -> its vectors, and their units."""
 
+DETECTIONS = "vision_msgs/msg/Detection3DArray"
+_VISION = {
+    "Detection3DArray": "std_msgs/Header header\nDetection3D[] detections",
+    "Detection3D": "std_msgs/Header header\nObjectHypothesisWithPose[] results\n"
+    "BoundingBox3D bbox\nstring id",
+    "BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+    "ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\n"
+    "geometry_msgs/PoseWithCovariance pose",
+    "ObjectHypothesis": "string class_id\nfloat64 score",
+}
+"""The fields of vision_msgs 4.1.1, which is no part of the standard messages."""
+
 STORE: Any = get_typestore(Stores.ROS2_JAZZY)
+for _name, _fields in _VISION.items():
+    STORE.register(get_types_from_msg(_fields, f"vision_msgs/msg/{_name}"))
 _NOTHING = np.zeros(36)
 _AXES = ("x", "y", "z")
 
@@ -63,6 +80,25 @@ def digest(kind: str) -> str:
     """The hash of a type's definition, RIHS01. Raises `DefinitionError` for an unknown type."""
     check_name(kind, STORE.types, DefinitionError, f"'{kind}' is no standard message of ROS 2")
     return str(STORE.hash_rihs01(kind))
+
+
+def grid_of(world: OccupancyMap, stamp: int, frame: str) -> Any:
+    """nav_msgs/OccupancyGrid of a map, 100 where occupied; stamp in ns since 1970."""
+    x, y, yaw = world.origin
+    rows, columns = world.shape
+    turned = {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+    corner = made(
+        "geometry_msgs/msg/Pose",
+        position=made("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
+        orientation=made("geometry_msgs/msg/Quaternion", **turned),
+    )
+    top = header(stamp, frame)
+    about = made(
+        "nav_msgs/msg/MapMetaData", map_load_time=top.stamp, resolution=world.resolution,
+        width=columns, height=rows, origin=corner,
+    )  # fmt: skip
+    data = np.where(world.cells, 100, 0).astype(np.int8).ravel()
+    return made(GRID, header=top, info=about, data=data)
 
 
 def header(stamp: int, frame: str) -> Any:
@@ -186,6 +222,42 @@ class Interface:
         twist = moving.linear.x, moving.linear.y, moving.angular.z
         pairs = zip((*self.pose, *self.twist), (*pose, *twist), strict=True)
         return {name: float(value) for name, value in pairs if name is not None}
+
+    # -- the map -----------------------------------------------------------------------------
+
+    def map(
+        self, message: Any, unknown: Unknown = "occupied", before: OccupancyMap | None = None
+    ) -> OccupancyMap:
+        """The map of a nav_msgs/OccupancyGrid; `before` with new cells where only they differ.
+
+        unknown: as of `OccupancyMap`. Raises `MessageError` for a map without a frame, in another
+        one than the pose, tilted, or with cells that are none.
+        """
+        frame, about = message.header.frame_id, message.info
+        if not frame:
+            raise MessageError("a map with no frame", expected=self.frame or "a frame_id")
+        if self.frame and frame != self.frame:
+            raise MessageError(f"a map in the frame '{frame}'"[:80], expected=self.frame)
+        place, turned = about.origin.position, about.origin.orientation
+        if not abs(turned.x) + abs(turned.y) <= 1e-6:
+            raise MessageError("a map that is tilted", expected="a turn about z alone")
+        if len(message.data) != about.height * about.width:
+            raise MessageError(
+                f"a map of {about.height} x {about.width} cells has {len(message.data)}"
+            )
+        cells = np.asarray(message.data).reshape(about.height, about.width)
+        origin = float(place.x), float(place.y), heading_of(turned)
+        side = float(about.resolution)
+        side = float(f"{side:.7g}")  # of single precision
+        try:
+            if before is not None and (before.shape, before.resolution, before.origin) == (
+                cells.shape, side, origin
+            ):  # fmt: skip
+                before.update(cells)
+                return before
+            return OccupancyMap(cells, side, origin, unknown=unknown)
+        except DefinitionError as error:
+            raise MessageError(f"a map: {error.cause}", expected=error.expected) from None
 
     # -- the command -------------------------------------------------------------------------
 

@@ -355,8 +355,9 @@ MOST = 100 * 2**20
 def geojson_cells(path: str | Path) -> dict[str, list[Point]]:
     """{ name: corners } of the polygons of a GeoJSON file, named by their `name`, or id, or number.
 
-    Coordinates are metres in a plane. Raises `DefinitionError` for a file that cannot be read, is
-    not GeoJSON, or has anything but polygons without holes.
+    Coordinates are metres in a plane. The polygons of a MultiPolygon are NAME_1 and on. Raises
+    `DefinitionError` for a file that cannot be read, is not GeoJSON, or has anything but polygons
+    without holes.
     """
     try:
         data = json.loads(read_small_text(path, MOST))
@@ -372,14 +373,14 @@ def geojson_cells(path: str | Path) -> dict[str, list[Point]]:
         )
     by_name: dict[str, list[Point]] = {}
     for number, feature in enumerate(features, start=1):
-        name, corners = _geojson_cell(feature, number, path)
-        if name in by_name:
-            raise DefinitionError(f"{path}: two cells are called '{name}'")
-        by_name[name] = corners
+        for name, corners in _geojson_parts(feature, number, path):
+            if name in by_name:
+                raise DefinitionError(f"{path}: two cells are called '{name}'")
+            by_name[name] = corners
     return by_name
 
 
-def _geojson_cell(feature: Any, number: int, path: str | Path) -> tuple[str, list[Point]]:
+def _geojson_parts(feature: Any, number: int, path: str | Path) -> list[tuple[str, list[Point]]]:
     if not isinstance(feature, dict):
         raise DefinitionError(f"{path}: feature {number} is {feature!r}")
     about = feature.get("properties")
@@ -388,16 +389,23 @@ def _geojson_cell(feature: Any, number: int, path: str | Path) -> tuple[str, lis
     shape = feature.get("geometry")
     shape = shape if isinstance(shape, dict) else {}
     kind = shape.get("type")
-    rings = shape.get("coordinates") if kind == "Polygon" else None
-    if not isinstance(rings, list) or len(rings) != 1 or not isinstance(rings[0], list):
-        raise DefinitionError(
-            f"{path}: '{name}' is a {kind or 'feature without geometry'}",
-            expected="a Polygon without holes",
-        )
-    ring = rings[0]
-    if len(ring) > 1 and ring[0] == ring[-1]:
-        ring = ring[:-1]
-    return name, [tuple(c[:2]) if isinstance(c, list) else c for c in ring]
+    parts = {"Polygon": [shape.get("coordinates")], "MultiPolygon": shape.get("coordinates")}
+    polygons = parts.get(kind) if isinstance(kind, str) else None
+    if not isinstance(polygons, list) or not polygons:
+        polygons = [None]
+    named = []
+    for count, rings in enumerate(polygons, start=1):
+        if not isinstance(rings, list) or len(rings) != 1 or not isinstance(rings[0], list):
+            raise DefinitionError(
+                f"{path}: '{name}' is a {kind or 'feature without geometry'}",
+                expected="a Polygon or MultiPolygon without holes",
+            )
+        ring = rings[0]
+        if len(ring) > 1 and ring[0] == ring[-1]:
+            ring = ring[:-1]
+        label = name if len(polygons) == 1 else f"{name}_{count}"
+        named.append((label, [tuple(c[:2]) if isinstance(c, list) else c for c in ring]))
+    return named
 
 
 ALMOST = 0.8

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -15,7 +15,7 @@ import shapely
 
 from holdfast.analysis.online.obstacle_slots import Clearing, Paired, Parts
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError
+from holdfast.errors import DefinitionError, check_name
 from holdfast.maths.definitions.value import Value
 from holdfast.planning.obstacles import convex_parts, polygon_of
 
@@ -75,7 +75,12 @@ class Obstacle(Value):
             raise DefinitionError(f"velocity of an obstacle is {self.velocity!r}", expected="two")
         if any(radius < 0 for _, radius in self.bodies):
             raise DefinitionError("the radius of an obstacle is below 0", expected="0 or more")
-        object.__setattr__(self, "records", self._records())
+        try:
+            object.__setattr__(self, "records", self._records())
+        except (struct.error, OverflowError):
+            raise DefinitionError(
+                f"the numbers of an obstacle are {self!r}"[:80], expected="numbers"
+            ) from None
 
     @property
     def count(self) -> int:
@@ -98,6 +103,82 @@ class Obstacle(Value):
             for corners, radius in self.bodies
         )  # fmt: skip
 
+    @checked
+    def aged(self, seconds: float) -> Self:
+        """The same, known so much later [s]; itself, where it surely stands.
+
+        What was known later than that is moved back along its velocity, with the age 0.
+
+        >>> hf.Obstacle.disc((2, 1), 0.4, velocity=(-0.3, 0)).aged(0.1).age
+        0.1
+        """
+        if not seconds or not (any(self.velocity) or self.acceleration or self.velocity_error):
+            return self
+        later = object.__new__(type(self))  # its arguments were checked when it was made
+        age = self.age + seconds
+        vars(later).update(vars(self), age=max(age, 0.0))
+        if age < 0:
+            vx, vy = self.velocity
+            vars(later)["bodies"] = tuple(
+                (tuple((x + vx * age, y + vy * age) for x, y in corners), radius)
+                for corners, radius in self.bodies
+            )
+        vars(later)["records"] = later._records()
+        return later
+
+    @classmethod
+    @checked
+    def of_table(cls, table: Mapping[str, Any]) -> Self:
+        """An obstacle of a table, as of JSON or TOML: a shape, and keywords of its motion.
+
+            disc       [x, y, radius]
+            capsule    [x, y, x, y, radius]
+            ellipse    [x, y, half axis ahead, half axis across, heading]
+            polygon    [[x, y], [x, y], [x, y], ...], and a radius where it has one
+
+        None for a number is one that is not known. Raises `DefinitionError` for a table that is
+        none of these.
+
+        >>> hf.Obstacle.of_table({"disc": [2, 1, 0.4], "velocity": [-0.3, 0]}).velocity
+        (-0.3, 0.0)
+        """
+        if not isinstance(table, Mapping):
+            raise DefinitionError(f"an obstacle is {table!r}"[:80], expected=_TABLE)
+        shapes = [name for name in SHAPES if name in table]
+        if len(shapes) != 1:
+            what = " and ".join(shapes) or "no shape"
+            raise DefinitionError(f"an obstacle has {what}", expected=_TABLE)
+        (shape,) = shapes
+        for name in table:
+            check_name(str(name), (shape, *MOTION), DefinitionError, f"unknown key '{name}'")
+        motion: dict[str, Any] = {}
+        for name in MOTION[:-2]:
+            if name in table:
+                motion[name] = _number(table[name], name)
+        if "velocity" in table:
+            motion["velocity"] = tuple(_row(table["velocity"], "velocity", 2))
+        if "name" in table:
+            if not isinstance(table["name"], str):
+                raise DefinitionError(f"the name is {table['name']!r}"[:80], expected="a text")
+            motion["name"] = table["name"]
+        radius = motion.pop("radius", None)
+        if shape == "polygon":
+            corners = table[shape]
+            if not isinstance(corners, Sequence) or isinstance(corners, str) or len(corners) < 3:
+                raise DefinitionError(
+                    f"the polygon is {corners!r}"[:80], expected="three or more corners [x, y]"
+                )
+            points = [_row(corner, "corner", 2) for corner in corners]
+            return cls.polygon(points, 0.0 if radius is None else radius, **motion)
+        if radius is not None:
+            raise DefinitionError(f"radius beside a {shape}", expected=_TABLE)
+        row = _row(table[shape], shape, SHAPES[shape])
+        if shape == "disc":
+            return cls.disc(row[:2], row[2], **motion)
+        if shape == "capsule":
+            return cls.capsule(row[:2], row[2:4], row[4], **motion)
+        return cls.ellipse(row[:2], row[2:4], row[4], **motion)
+
     @classmethod
     def disc(cls, centre: Point, radius: float, **motion: Any) -> Self:
         """A disc. centre: (x, y) [m]. radius [m]. motion: the keywords of `Obstacle`.
@@ -105,7 +186,7 @@ class Obstacle(Value):
         >>> hf.Obstacle.disc((2, 1), 0.4).bodies
         ((((2.0, 1.0),), 0.4),)
         """
-        return cls((((_point(centre),), float(radius)),), **motion)
+        return cls((((_point(centre),), _length(radius)),), **motion)
 
     @classmethod
     def vehicle(
@@ -133,9 +214,10 @@ class Obstacle(Value):
         >>> hf.Obstacle.capsule((0, 2), (3, 2), 0.1, name="boom").count
         1
         """
-        return cls((((_point(start), _point(end)), float(radius)),), **motion)
+        return cls((((_point(start), _point(end)), _length(radius)),), **motion)
 
     @classmethod
+    @checked
     def polygon(cls, corners: Sequence[Point], radius: float = 0.0, **motion: Any) -> Self:
         """A polygon. corners: (x, y) [m] in order, not closed. radius [m]: around it.
 
@@ -145,7 +227,12 @@ class Obstacle(Value):
         >>> hf.Obstacle.polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]).count
         2
         """
-        points = [_point(corner) for corner in corners]
+        try:
+            points = [_point(corner) for corner in corners]
+        except TypeError:
+            raise DefinitionError(
+                f"the corners are {corners!r}"[:80], expected="three or more (x, y)"
+            ) from None
         if not all(math.isfinite(x) for point in points for x in point):
             return cls(((tuple(points), float(radius)),), **motion)
         shape = polygon_of(motion.get("name") or "obstacle", points)
@@ -153,6 +240,7 @@ class Obstacle(Value):
         return cls(bodies, **motion)
 
     @classmethod
+    @checked
     def ellipse(cls, centre: Point, axes: Point, heading: float = 0.0, **motion: Any) -> Self:
         """An ellipse, as a polygon around it that is wider by up to .9 %.
 
@@ -165,7 +253,9 @@ class Obstacle(Value):
         (x, y), (a, b) = _point(centre), _point(axes)
         if a < 0 or b < 0:
             raise DefinitionError(f"the half axes are {a:g} and {b:g}", expected="0 or more")
-        cos, sin = math.cos(heading), math.sin(heading)
+        cos = sin = math.nan
+        if math.isfinite(heading):
+            cos, sin = math.cos(heading), math.sin(heading)
         wider = 1.0 / math.cos(math.pi / SIDES_OF_ELLIPSE)
         turns = [2.0 * math.pi * k / SIDES_OF_ELLIPSE for k in range(SIDES_OF_ELLIPSE)]
         corners = tuple(
@@ -247,9 +337,40 @@ def _outline(part: shapely.Polygon) -> tuple[tuple[float, float], ...]:
     return tuple((float(x), float(y)) for x, y in part.exterior.coords[:-1])
 
 
+SHAPES = {"disc": 3, "capsule": 5, "ellipse": 5, "polygon": 0}
+"""The shapes of `Obstacle.of_table`, and how many numbers they have."""
+MOTION = ("acceleration", "velocity_error", "age", "share", "radius", "velocity", "name")
+_TABLE = '{"disc": [x, y, radius], "velocity": [vx, vy]}, or a capsule, an ellipse or a polygon'
+
+
+def _number(said: Any, what: str) -> float:
+    """A number; NaN for None."""
+    if said is None:
+        return math.nan
+    if isinstance(said, bool) or not isinstance(said, int | float):
+        raise DefinitionError(f"{what} of an obstacle is {said!r}"[:80], expected="a number")
+    return float(said)
+
+
+def _row(said: Any, what: str, count: int) -> list[float]:
+    """So many numbers."""
+    if not isinstance(said, Sequence) or isinstance(said, str) or len(said) != count:
+        raise DefinitionError(
+            f"{what} of an obstacle is {said!r}"[:80], expected=f"{count} numbers"
+        )
+    return [_number(number, what) for number in said]
+
+
+def _length(radius: Any) -> float:
+    try:
+        return float(radius)
+    except (TypeError, ValueError, OverflowError):
+        raise DefinitionError(f"a radius is {radius!r}"[:80], expected="metres") from None
+
+
 def _point(point: Point) -> tuple[float, float]:
     try:
         x, y = (float(c) for c in point)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise DefinitionError(f"a point is {point!r}"[:80], expected="(x, y)") from None
     return x, y

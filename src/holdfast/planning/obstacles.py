@@ -78,31 +78,38 @@ def obstacles(
         return parameters[-1].symbol
 
     def clear_of(name: str, parts: Sequence[shapely.Polygon], distance: sp.Expr) -> None:
-        for label, part in zip(_numbered(name, len(parts)), parts, strict=True):
-            away = signed_distance(at, _sides(part))
+        for label, part in zip(numbered(name, len(parts)), parts, strict=True):
+            away = signed_distance(at, sides_of(part))
             inequalities.append(Inequality(label, distance - away, "m", f"distance to {name}"))
 
     for name, corners in polygons.items():
         polygon = polygon_of(name, corners)
         clear_of(name, convex_parts(polygon), clearance_of(name))
-        scene += _drawn("obstacle", polygon)
+        scene += drawn_sides("obstacle", polygon)
     if room is not None:
         polygon, distance = polygon_of("room", room), clearance_of("room")
         hull = polygon.convex_hull
-        sides = _sides(shapely.orient_polygons(hull))
+        sides = sides_of(shapely.orient_polygons(hull))
         rows = [sides[k : k + 4] for k in range(0, len(sides), 4)]
-        for label, (ax, ay, bx, by) in zip(_numbered("room", len(rows)), rows, strict=True):
+        for label, (ax, ay, bx, by) in zip(numbered("room", len(rows)), rows, strict=True):
             size = math.hypot(bx - ax, by - ay)
             out = ((at[0] - ax) * (by - ay) - (at[1] - ay) * (bx - ax)) / size
             inequalities.append(Inequality(label, out + distance, "m", "distance to a side"))
-        niches = shapely.get_parts(hull.difference(polygon))
-        for number, niche in enumerate((n for n in niches if n.area > NOTHING * hull.area), 1):
-            clear_of(f"room_niche_{number}", convex_parts(niche), distance)
-        scene += _drawn("room", polygon)
+        for name, niche in room_niches(polygon).items():
+            clear_of(name, convex_parts(niche), distance)
+        scene += drawn_sides("room", polygon)
     return Region(
         "clear of obstacles" if room is None else "room", tuple(states[n] for n in position),
         tuple(inequalities), parameters=tuple(parameters), scene=tuple(scene),
     )  # fmt: skip
+
+
+def room_niches(room: shapely.Polygon) -> dict[str, shapely.Polygon]:
+    """What a room lacks to its convex hull: room_niche_1 and on."""
+    hull = room.convex_hull
+    parts = shapely.get_parts(hull.difference(room))
+    niches = (n for n in parts if n.area > NOTHING * hull.area)
+    return {f"room_niche_{number}": niche for number, niche in enumerate(niches, 1)}
 
 
 def convex_parts(polygon: shapely.Polygon) -> list[shapely.Polygon]:
@@ -127,11 +134,11 @@ def _is_convex(polygon: shapely.Polygon) -> bool:
     return bool(polygon.convex_hull.area - polygon.area <= NOTHING * polygon.area)
 
 
-def _numbered(name: str, count: int) -> list[str]:
+def numbered(name: str, count: int) -> list[str]:
     return [name] if count == 1 else [f"{name}_{k}" for k in range(1, count + 1)]
 
 
-def _sides(polygon: shapely.Polygon) -> list[float]:
+def sides_of(polygon: shapely.Polygon) -> list[float]:
     """The ends x0, y0, x1, y1 of every side, counterclockwise."""
     points = [(float(x), float(y)) for x, y in polygon.exterior.coords]
     return [c for a, b in pairwise(points) for c in (*a, *b)]
@@ -159,8 +166,9 @@ def polygon_of(name: str, corners: Corners) -> shapely.Polygon:
     return shapely.orient_polygons(shape)
 
 
-def _drawn(role: str, polygon: shapely.Polygon) -> list[Segment]:
-    ends = _sides(polygon)
+def drawn_sides(role: str, polygon: shapely.Polygon) -> list[Segment]:
+    """The sides of a polygon, to be drawn."""
+    ends = sides_of(polygon)
     numbers = [sp.Float(c) for c in ends]
     return [
         Segment(role, (numbers[i], numbers[i + 1]), (numbers[i + 2], numbers[i + 3]))

@@ -104,9 +104,9 @@ def test_grids_that_are_none(arguments, message):
         (
             (-1, 1),
             {},
-            "the angle 'theta' is 2 rad, not a whole turn; expected 2 pi; or give a boundary",
+            "the interval of the angle 'theta', [-1, 1], is 2 rad, not a whole turn; expected 2 pi",
         ),
-        ((-4, 4), {}, "the interval of the angle 'theta' is 8 rad; expected at most 2 pi"),
+        ((-4, 4), {}, "the interval of the angle 'theta', [-4, 4], is 8 rad; expected"),
         ((-4, 4), {"theta": "contained"}, "is 8 rad; expected at most 2 pi"),
         ((-1, 1), {"theta": "periodic"}, "'theta' is periodic over [-1, 1]; expected an angle"),
     ],

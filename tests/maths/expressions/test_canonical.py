@@ -68,7 +68,13 @@ def test_derivatives_compile_and_are_those_of_the_case_taken(name):
 
 def test_derivatives_of_all_that_a_definition_may_use_are_made_of_the_same():
     """So whatever is derived from a definition that was accepted compiles."""
-    of_numbers = {"nearest_on_walls", "nearest_face", "nearest_to_sight"}  # with walls: elsewhere
+    of_numbers = {
+        "nearest_on_walls",
+        "nearest_face",
+        "nearest_to_sight",
+        "separating_sides",
+        "passing",
+    }  # with walls: elsewhere
     for name, function in FUNCTIONS.items():
         if name in of_numbers:
             continue

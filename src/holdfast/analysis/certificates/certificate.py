@@ -316,7 +316,7 @@ def check_functions(expressions: Iterable[sp.Expr]) -> None:
                 )
             if part.args and not (part.is_Add or part.is_Mul or part.is_Pow) and name not in KNOWN:
                 raise DefinitionError(
-                    f"function '{name}' has no proved enclosure in a certificate: {part}",
+                    f"function '{name}' has no proved enclosure in a certificate: {part!s:.60}",
                     expected=", ".join(KNOWN),
                 )
 

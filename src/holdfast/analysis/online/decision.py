@@ -73,12 +73,26 @@ class Obstructs(Protocol):
     of its first body.
     """
 
-    name: str
-    records: bytes
-    count: int
-    velocity: tuple[float, float]
-    state: tuple[float, ...]
-    radius: float
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def records(self) -> bytes: ...
+
+    @property
+    def count(self) -> int: ...
+
+    @property
+    def velocity(self) -> tuple[float, float]: ...
+
+    @property
+    def state(self) -> tuple[float, ...]: ...
+
+    @property
+    def radius(self) -> float: ...
+
+    def aged(self, seconds: float) -> Obstructs:
+        """The same, known so much later [s]."""
 
 
 class Near(NamedTuple):
@@ -274,8 +288,9 @@ class DecisionRecord:
     """A decision with all names, which does not need the filter.
 
     t [s]: of the receiver's clock. status: that of the decision (`Status`), or "no measurement".
-    lost: "command" or "measurement" where none came in time, else empty. state, command, input,
-    actuators: by name, in the units of the system. overruled, slack, value, gave_way: as in
+    lost: "command", "measurement" or "list of obstacles" where none came in time, else empty.
+    state, command, input, actuators: by name, in the units of the system. overruled, slack, value,
+    gave_way: as in
     `Decision`. why: one sentence where the filter intervened, not at every sample of one
     intervention; else empty.
     """

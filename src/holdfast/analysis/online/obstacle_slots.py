@@ -6,7 +6,6 @@ The pairs are found by compiled code (`execution/obstacle_pairs.py`), into memor
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -15,6 +14,7 @@ import numpy as np
 import sympy as sp
 
 from holdfast.analysis.online.decision import Obstructs
+from holdfast.arguments import Metres, MetresPerSecond
 from holdfast.errors import DefinitionError, SimulationError, check_name
 from holdfast.execution.arrays import Array, Truths
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
@@ -23,7 +23,7 @@ from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.codegen.scalar_llvm import compiled
 from holdfast.execution.leaf import compiled_leaves
 from holdfast.execution.obstacle_pairs import PAIR, PART, RECORD
-from holdfast.execution.simulation.closed_loop import Command
+from holdfast.execution.simulation.closed_loop import Command, Commander, Function
 from holdfast.maths.control.moving_obstacles import avoiding, both_ways
 from holdfast.maths.control.parameter_box import ParameterBox
 from holdfast.maths.definitions.extension import steady_bounds
@@ -56,9 +56,9 @@ class Clearing(Value):
 
     most: int
     parts: Parts = ((((0.0, 0.0),), 0.0),)
-    lead: float | None = None
-    speed: float | None = None
-    clearance: float = 0.0
+    lead: Metres | None = None
+    speed: MetresPerSecond | None = None
+    clearance: Metres = 0.0
     position: tuple[str, str] = ("x", "y")
     heading: str | None = None
     evaded: float = math.inf
@@ -266,7 +266,7 @@ class ObstacleSlots:
     def fill_from(self, state: Array, records: bytes) -> int:
         """`fill`, from records of obstacles. state: shape (states,)."""
         states, poses, hull, pairs, near, touch = self._at
-        self._states[:] = state[:, np.newaxis]
+        self._states[:] = state[: len(self._states), np.newaxis]  # not what actuators add
         self._pose_of(states, poses, LANES, LANES)
         found: int = self._find(
             hull, self._parts, poses, LANES, records, len(records) // 8, *self._how, pairs, near,
@@ -308,13 +308,21 @@ class Among:
     samples of every run the kernel of two vehicles was not kept.
     """
 
-    most = sys.maxsize
-
-    def __init__(self, slots: ObstacleSlots, command: Command, obstacles: Surroundings) -> None:
-        self.slots, self.of_command, self.obstacles = slots, command, obstacles
+    def __init__(
+        self, slots: ObstacleSlots, command: Command | Commander, obstacles: Surroundings
+    ) -> None:
+        self.slots, self.obstacles = slots, obstacles
+        for what, function in (("command", command), ("obstacles", obstacles)):
+            if not callable(function) and not (what == "command" and hasattr(command, "most")):
+                raise SimulationError(
+                    f"{what} is {function!r}"[:80], expected="a function of t and the states"
+                )
+        self.of_command: Commander = Function(command) if callable(command) else command
+        self.most = self.of_command.most
         self.least, self.unkept = np.empty(0), np.empty(0, dtype=np.int64)
 
     def begin(self, runs: range) -> None:
+        self.of_command.begin(runs)
         self.least = np.full(len(runs), math.inf)
         self.unkept = np.zeros(len(runs), dtype=np.int64)
 
@@ -322,11 +330,16 @@ class Among:
         """The commands and the numbers of the pairs, a row for each run. states: shape (runs,
         states). alive: shape (runs,). The rows have the shape (runs, handed)."""
         slots = self.slots
-        commands = np.asarray(self.of_command(t, states), dtype=np.float64)
+        commands = np.asarray(self.of_command.command(t, states, alive), dtype=np.float64)
         around = self.obstacles(t, states)
         if len(around) != len(states):
             raise SimulationError(
                 f"obstacles of {len(around)} runs", expected=f"a list for each of {len(states)}"
+            )
+        if commands.ndim != 2 or len(commands) != len(states):
+            raise SimulationError(
+                f"the controller commands an array of the shape {commands.shape}",
+                expected=f"({len(states)}, inputs)",
             )
         rows = np.empty((len(states), commands.shape[1] + len(slots.pairs)))
         rows[:, : commands.shape[1]] = commands
@@ -340,7 +353,7 @@ class Among:
         return rows
 
     def end(self) -> None:
-        pass
+        self.of_command.end()
 
 
 def check_pose(clearing: Clearing, measured: Sequence[str]) -> None:

@@ -6,14 +6,15 @@ One kind of stream are samples as lines of JSON, each answered with a decision:
 
 t [s]: by default a sample time after that of the line before. A state or a command that is left out
 has not come: the newest before it counts for the patience of the `Relay`. The disturbance is for a
-filter that measures some. null is a number that is not known.
+filter that measures some, and "obstacles" is a list for a filter that keeps clear of some, where a
+list that is left out has not come either. null is a number that is not known.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
@@ -21,7 +22,7 @@ import numpy as np
 
 from holdfast.analysis.online.certified_filter import CertifiedFilter
 from holdfast.analysis.online.controller import Given, numbers, time_of
-from holdfast.analysis.online.decision import Decision, DecisionRecord, Status
+from holdfast.analysis.online.decision import Decision, DecisionRecord, Obstructs, Status
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, SimulationError, check_name
@@ -31,16 +32,21 @@ Item = TypeVar("Item")
 
 AGAIN = 0.25
 """Seconds after which the sentence of an intervention that goes on is made again."""
+UNSEEN = "list of obstacles"
+"""What is lost where none of them came in time."""
+BLIND = ("measurement", UNSEEN)
+"""What a decision cannot be made without."""
 
 
 class Relay:
     """The newest measurement and the newest command, and a decision on them at every sample.
 
     keep: the filter; one of a certificate is asked at its sample time. patience [s]: how old a
-    measurement or a command may be. Without a newer command the filter is asked about its
-    `fallback` instead, so that the vehicle slows down inside its constraints; without a newer
-    measurement the input is the `fallback`, and nothing is promised; afterwards an observer begins
-    anew.
+    measurement, a command or a list of obstacles may be. Without a newer command the filter is
+    asked about its `fallback` instead, so that the vehicle slows down inside its constraints;
+    without a newer measurement, or a newer list for a filter with obstacles, the input is the
+    `fallback`, and nothing is promised; afterwards an observer begins anew. An obstacle counts as
+    so much older as its list is (`Obstacle.aged`).
 
     All times are those of one clock, in seconds: that of the receiver. The clock is read at
     decisions. A measurement or a command has the time at which it was taken or received, which may
@@ -60,7 +66,12 @@ class Relay:
     """
 
     @checked
-    def __init__(self, keep: SafetyFilter | CertifiedFilter, *, patience: float = 0.25) -> None:
+    def __init__(
+        self,
+        keep: SafetyFilter | CertifiedFilter,
+        *,
+        patience: float = 0.25,
+    ) -> None:
         if not (math.isfinite(patience) and patience > 0):
             raise SimulationError(f"patience is {patience}", expected="seconds, above 0")
         self.keep, self.patience = keep, float(patience)
@@ -69,13 +80,19 @@ class Relay:
         self._nothing = np.full(len(self.states), math.nan)
         self._measurement = _Stream[tuple[Array, Array | None]]()
         self._command = _Stream[Array]()
+        self._around = _Stream[tuple[Obstructs, ...]]()
+        self._clears = getattr(keep, "clearing", None) is not None
         self.reset()
 
     def reset(self) -> None:
         """Begin anew: nothing was received, and the time of the filter is 0."""
-        self._measurement.forget()
-        self._command.forget()
+        for stream in self._streams:
+            stream.forget()
         self._begin(-math.inf, "yet")
+
+    @property
+    def _streams(self) -> tuple[_Stream[Any], ...]:
+        return self._measurement, self._command, self._around
 
     def _begin(self, now: float, since: str) -> None:
         """Begin with the clock at `now` [s]; since: when what never came was last waited for."""
@@ -96,17 +113,48 @@ class Relay:
         """A command, given or received at `now` [s]."""
         self._command.take(_time(now), numbers(command, self.commands, "command"))
 
+    @checked
+    def surrounded(self, obstacles: Sequence[Obstructs], now: float) -> None:
+        """All obstacles that are known, of a time `now` [s]; an empty list says that none is there.
+
+        obstacles: of `hf.Obstacle`. Raises `SimulationError` for a filter without obstacles, and
+        for what is no list of them.
+
+        >>> clear = hf.SafetyFilter(robot, obstacles=hf.Obstacles(5, lead=0.3), gains=(1, 4))
+        >>> relay = hf.Relay(clear)
+        >>> relay.surrounded([hf.Obstacle.disc((1, 0), 0.3)], 0.0)
+        >>> relay.measured([0, 0, 0], 0.0)
+        >>> relay.commanded([1, 0], 0.0)
+        >>> print(relay.decide(0.01).status)
+        changed
+        """
+        at = _time(now)
+        if not self._clears:
+            raise SimulationError(
+                "obstacles are given to a filter without room for any",
+                remedy="make it with obstacles=20, as many as it is to count with",
+            )
+        listed = isinstance(obstacles, list | tuple)
+        if not listed or not all(hasattr(o, "records") for o in obstacles):
+            raise SimulationError(
+                f"the obstacles are {obstacles!r}"[:80], expected="a list of hf.Obstacle"
+            )
+        self._around.take(at, tuple(obstacles))
+
     def decide(self, now: float) -> DecisionRecord:
         """The decision at `now` [s], and what the vehicle is to be given."""
         now = self._advance(now)
         lost, age = "", 0.0
-        if not now - self._command.at <= self.patience:
-            lost, age = "command", now - self._command.at
-        if not now - self._measurement.at <= self.patience:
-            lost, age = "measurement", now - self._measurement.at
-        if self._missing and lost != "measurement":
+        needed = {"command": now - self._command.at}
+        if self._clears:
+            needed[UNSEEN] = now - self._around.at
+        needed["measurement"] = now - self._measurement.at  # the gravest last
+        for what, since in needed.items():
+            if not since <= self.patience:
+                lost, age = what, since
+        if self._missing and lost not in BLIND:
             self._begin_again(now)
-        self._missing = lost == "measurement"
+        self._missing = lost in BLIND
         state, command = self._nothing, self.keep.fallback
         if self._measurement.newest is not None:
             measured, self._felt = self._measurement.newest
@@ -129,13 +177,20 @@ class Relay:
         felt = self._felt
         if felt is None and self.keep.measured_disturbances:
             felt = np.zeros(len(self.keep.measured_disturbances))
-        return self.keep.step(state, command, t=now - self._began, disturbance=felt)
+        if not self._clears:
+            return self.keep.step(state, command, t=now - self._began, disturbance=felt)
+        assert isinstance(self.keep, SafetyFilter)
+        elapsed = now - self._around.at
+        around = [o.aged(elapsed) for o in self._around.newest or ()]
+        return self.keep.step(
+            state, command, t=now - self._began, disturbance=felt, obstacles=around
+        )
 
     def _advance(self, now: float) -> float:
         """The clock, checked; where it was set back, what was received before counts no more."""
         now = _time(now)
         back = self._clock - now
-        for stream in (self._measurement, self._command):
+        for stream in self._streams:
             stream.advance(now, set_back=back > 0.0)
         if back > 0.0:
             self._begin(now, f"since the clock was set back by {back:.2g} s")
@@ -154,12 +209,12 @@ class Relay:
     def _recorded(
         self, decision: Decision, now: float, lost: str, age: float, state: Array
     ) -> DecisionRecord:
-        measured = lost != "measurement"
+        measured = lost not in BLIND
         kind = f"{lost}/{decision.status.value}"
         if kind == self._said and now - self._said_at < AGAIN:
             why = ""
-        elif lost == "measurement":
-            why = f"no measurement {self._while(age)}: the input is the fallback"
+        elif lost in BLIND:
+            why = f"no {lost} {self._while(age)}: the input is the fallback"
         elif decision.status is Status.PASSED:
             why = f"no command {self._while(age)}: the filter's fallback is taken" if lost else ""
         else:
@@ -228,7 +283,7 @@ def _named(names: tuple[str, ...], values: Any) -> Mapping[str, float]:
     return dict(zip(names, map(float, values), strict=True))
 
 
-KEYS = ("t", "state", "command", "disturbance")
+KEYS = ("t", "state", "command", "disturbance", "obstacles")
 
 
 LATEST = 1e12
@@ -240,11 +295,18 @@ class SampleLines:
 
     A line that is no sample is answered with the fallback of the filter, and `refused` says why;
     nothing of it is believed. The first line has to be a sample: `answer` raises `SimulationError`
-    where it is none, because sender and filter then do not agree.
+    where it is none, because sender and filter then do not agree. obstacle: makes one of a table.
     """
 
-    def __init__(self, keep: SafetyFilter, *, patience: float = 0.25) -> None:
+    def __init__(
+        self,
+        keep: SafetyFilter,
+        *,
+        patience: float = 0.25,
+        obstacle: Callable[[Any], Obstructs] | None = None,
+    ) -> None:
         self.keep, self.relay = keep, Relay(keep, patience=patience)
+        self._obstacle = obstacle
         self.count, self.refused = 0, ""
         self._t, self._given_t, self._given = -math.inf, 0.0, 0
 
@@ -257,6 +319,7 @@ class SampleLines:
             said = _table(line)
             t = None if said.get("t") is None else _time_of_line(said["t"], before)
             state, command, felt = self._numbers(said)
+            around = self._surroundings(said.get("obstacles"))
             if t is not None:
                 self._t, self._given_t, self._given = t, t, self.count - 1
         except HoldfastError as error:
@@ -273,7 +336,22 @@ class SampleLines:
             self.relay.measured(state, self._t, felt)
         if command is not None:
             self.relay.commanded(command, self._t)
+        if around is not None:
+            self.relay.surrounded(around, self._t)
         return self.relay.decide(self._t)
+
+    def _surroundings(self, said: Any) -> list[Obstructs] | None:
+        """The obstacles of a line; None where no list came."""
+        if said is None:
+            return None
+        if self.keep.clearing is None or self._obstacle is None:
+            raise SimulationError(
+                "the filter keeps clear of no obstacles",
+                remedy="say how many it is to count with, as [obstacles] most = 20",
+            )
+        if not isinstance(said, list):
+            raise SimulationError(f"the obstacles are {_shown(said)}", expected="a list")
+        return [self._obstacle(table) for table in said]
 
     def _usual(self, number: int) -> float:
         """The time of the line with that number, from 0, where it is not said [s]."""
@@ -287,6 +365,8 @@ class SampleLines:
         }
         if self.keep.measured_disturbances:
             said["disturbance"] = dict.fromkeys(self.keep.measured_disturbances, 0.0)
+        if self.keep.clearing is not None:
+            said["obstacles"] = [{"disc": [3.0, 0.0, 0.5], "velocity": [-0.1, 0.0]}]
         return json.dumps(said)
 
     def _numbers(self, said: Mapping[str, Any]) -> list[list[float] | None]:

@@ -91,7 +91,7 @@ def described(
         "mode": (
             ("run", "time"),
             s.mode,
-            _flags(s.mode, range(len(program.modes)), program.modes, "mode of the law"),
+            flags(s.mode, range(len(program.modes)), program.modes, "mode of the law"),
         ),
         "signal": (
             ("run", "time", "signal_name"),
@@ -106,7 +106,7 @@ def described(
         "outcome": (
             ("run",),
             s.outcome,
-            _flags(s.outcome, list(Outcome), [o.label for o in Outcome], "how the run ended"),
+            flags(s.outcome, list(Outcome), [o.label for o in Outcome], "how the run ended"),
         ),
         "exit_time": (
             ("run",),
@@ -119,7 +119,7 @@ def described(
         "exit_constraint": (
             ("run",),
             s.exit_constraint,
-            _flags(s.exit_constraint, exits, ["none", *names], "first constraint violated"),
+            flags(s.exit_constraint, exits, ["none", *names], "first constraint violated"),
         ),
         "goal_time": (
             ("run",),
@@ -177,31 +177,31 @@ def described(
     coordinates: dict[str, Any] = {
         "time": ("time", s.time, {"units": "s", "long_name": "time"}),
         "run": ("run", np.arange(len(s.outcome), dtype=np.int32)),
-        "state_name": ("state_name", _labels([q.name for q in program.states])),
-        "input_name": ("input_name", _labels([q.name for q in program.inputs])),
-        "actuator_name": ("actuator_name", _labels(program.actuators)),
-        "signal_name": ("signal_name", _labels(program.signals)),
-        "signal_unit": ("signal_name", _labels(program.signal_units)),
-        "constraint_name": ("constraint_name", _labels(names)),
-        "state_unit": ("state_name", _labels([q.unit for q in program.states])),
+        "state_name": ("state_name", labels([q.name for q in program.states])),
+        "input_name": ("input_name", labels([q.name for q in program.inputs])),
+        "actuator_name": ("actuator_name", labels(program.actuators)),
+        "signal_name": ("signal_name", labels(program.signals)),
+        "signal_unit": ("signal_name", labels(program.signal_units)),
+        "constraint_name": ("constraint_name", labels(names)),
+        "state_unit": ("state_name", labels([q.unit for q in program.states])),
         "state_description": (
             "state_name",
-            _labels([q.description or q.name for q in program.states]),
+            labels([q.description or q.name for q in program.states]),
         ),
-        "input_unit": ("input_name", _labels([q.unit for q in program.inputs])),
+        "input_unit": ("input_name", labels([q.unit for q in program.inputs])),
         "input_description": (
             "input_name",
-            _labels([q.description or q.name for q in program.inputs]),
+            labels([q.description or q.name for q in program.inputs]),
         ),
-        "constraint_unit": ("constraint_name", _labels([c[1] for c in program.constraints])),
-        "varied_name": ("varied_name", _labels(program.varied.labels)),
+        "constraint_unit": ("constraint_name", labels([c[1] for c in program.constraints])),
+        "varied_name": ("varied_name", labels(program.varied.labels)),
     }
     if felt is not None:
         names, units = _columns(program.disturbances)
         about = named("disturbance where the vehicle is", names, units)
         variables["disturbance"] = (("run", "time", "disturbance_name"), felt, about)
-        coordinates["disturbance_name"] = ("disturbance_name", _labels(names))
-        coordinates["disturbance_unit"] = ("disturbance_name", _labels(units))
+        coordinates["disturbance_name"] = ("disturbance_name", labels(names))
+        coordinates["disturbance_unit"] = ("disturbance_name", labels(units))
     fixed = {
         "Conventions": "CF-1.11",
         "sample_time_s": settings.sample_time,
@@ -223,7 +223,7 @@ def _named(
     return NamedArray((dims,) if isinstance(dims, str) else dims, values, attributes or {})
 
 
-def _flags(
+def flags(
     array: np.ndarray[Any, Any], values: Sequence[int], words: Sequence[str], text: str
 ) -> dict[str, Any]:
     """The attributes of numbers that encode words (CF conventions, section 3.5)."""
@@ -257,7 +257,7 @@ def _safeguard(program: ClosedLoopProgram, s: Trajectories) -> dict[str, Any]:
         "safeguard": (
             ("run", "time"),
             s.safeguard,
-            _flags(s.safeguard, answers, [a.label for a in answers], "answer of the safeguard"),
+            flags(s.safeguard, answers, [a.label for a in answers], "answer of the safeguard"),
         ),
         "overruled": (
             ("run",),
@@ -279,7 +279,7 @@ def _columns(quantities: Sequence[Quantity]) -> tuple[list[str], list[str]]:
     return [q.name for q in quantities], [q.unit for q in quantities]
 
 
-def _labels(names: Any) -> np.ndarray[Any, Any]:
+def labels(names: Any) -> np.ndarray[Any, Any]:
     return np.array(list(names), dtype=str) if len(names) else np.array([], dtype="<U1")
 
 

@@ -85,7 +85,9 @@ def warn_of_degrees(system: System, starts: Starts | Array) -> None:
         if not q.angle:
             continue
         if isinstance(starts, Starts):
-            values = [s.get(q.name, 0.0) for s in starts.states] + list(starts.box.get(q.name, ()))
+            values = [s.get(q.name, 0.0) for s in starts.states] + list(
+                starts.box.get(q.name) or ()
+            )
             values = [v for v in values if not isinstance(v, str)]
         else:
             values = [float(np.abs(starts[:, i]).max(initial=0.0))]

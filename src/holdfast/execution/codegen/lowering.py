@@ -264,6 +264,48 @@ def nearer_to_sight(
     return _nearer((here * at[0], *at[1:], here), (least, share, x, y, side))
 
 
+@Function
+def wider_separation(
+    ax: Value, ay: Value, bx: Value, by: Value, px: Value, py: Value, qx: Value, qy: Value,
+    least: Value, end: Value, x: Value, y: Value, nx: Value, ny: Value,
+    left: Value, lx: Value, ly: Value, right: Value, rx: Value, ry: Value,
+) -> tuple[Value, ...]:  # fmt: skip
+    """The side of this wall, if it separates better the line from a to b; the outermost corners."""
+    dx, dy = qx - px, qy - py
+    size = root(dx * dx + dy * dy)
+    n = dy / size, -dx / size
+    of_a = (ax - px) * n[0] + (ay - py) * n[1]
+    of_b = (bx - px) * n[0] + (by - py) * n[1]
+    nearer = of_b < of_a
+    side = (-choose(nearer, of_b, of_a), choose(nearer, 1.0, 0.0), px, py, *n)
+    turned = turn(ax, ay, bx, by, px, py)
+    return (
+        *_nearer(side, (least, end, x, y, nx, ny)),
+        *_nearer((turned, px, py), (left, lx, ly)),
+        *_nearer((-turned, px, py), (right, rx, ry)),
+    )
+
+
+@Function
+def nearer_past(
+    ax: Value, ay: Value, bx: Value, by: Value, px: Value, py: Value, qx: Value, qy: Value,
+    first: Value, side: Value, left: Value, right: Value, corner: Value, end: Value,
+) -> tuple[Value, ...]:  # fmt: skip
+    """How far the line from a to b passes this wall, if that is nearer than before."""
+    dx, dy = qx - px, qy - py
+    size = root(dx * dx + dy * dy)
+    of_a = ((ax - px) * dy - (ay - py) * dx) / size
+    of_b = ((bx - px) * dy - (by - py) * dx) / size
+    side = greatest(side, least(of_a, of_b))
+    turned = turn(ax, ay, bx, by, px, py)
+    _, from_line = foot(px, py, ax, ay, bx, by)
+    _, from_end = foot(ax, ay, px, py, qx, qy)
+    return (
+        first, side, least(left, turned), least(right, -turned),
+        least(corner, from_line), least(end, from_end),
+    )  # fmt: skip
+
+
 nearest_on_walls = OverWalls("nearest_on_walls", nearer_on_walls, lambda x, y: (INFINITE, x, y))
 """The point of the walls that is nearest to (x, y)."""
 
@@ -284,6 +326,32 @@ nearest_to_sight = OverWalls(
 """(s, x, y, side): the line at a + s (b - a) is nearest to the wall at (x, y).
 
 side is -1 if a wall crosses the line; the point is then that of the least displacement.
+"""
+
+separating_sides = OverWalls(
+    "separating_sides", wider_separation,
+    lambda ax, ay, bx, by: (
+        INFINITE, 0.0, 0.0, 0.0, 0.0, 0.0, INFINITE, 0.0, 0.0, INFINITE, 0.0, 0.0,
+    ), points=4,
+)  # fmt: skip
+"""(end, x, y, nx, ny, left, lx, ly, right, rx, ry): what separates the line from a to b from a
+convex polygon, counterclockwise.
+
+(x, y), (nx, ny): the beginning and the outward normal of the side from which the nearer end of the
+line, 0 for a, 1 for b, is farthest; (lx, ly): the corner least to the left of the line, at twice
+the area `left`; (rx, ry): least to its right, at `right`.
+"""
+
+passing = OverWalls(
+    "passing", nearer_past,
+    lambda ax, ay, bx, by: (0.0, -INFINITE, INFINITE, INFINITE, INFINITE, INFINITE), points=4,
+)  # fmt: skip
+"""(side, left, right, corner, end): how far the line from a to b passes a convex polygon,
+counterclockwise.
+
+side: the largest distance of both its ends from the outside of a side; left, right: twice the least
+area to a corner, if all are on that side of the line; corner, end: the squares of the least
+distances of a corner to the line, and of a to the polygon.
 """
 
 
@@ -322,7 +390,8 @@ _ALGEBRAIC = frozenset(
 )
 
 _PICKED = {
-    function.name: function for function in (nearest_on_walls, nearest_to_sight, nearest_face)
+    function.name: function
+    for function in (nearest_on_walls, nearest_to_sight, nearest_face, separating_sides, passing)
 }
 """Functions of some coordinates and of walls, of whose results the first argument picks one."""
 

@@ -61,7 +61,7 @@ class Commander(Protocol):
         """After the last sample of the runs, whatever ended them."""
 
 
-class _Function:
+class Function:
     """A function as a commander of all runs together."""
 
     most = sys.maxsize
@@ -92,7 +92,7 @@ def commander_of(
             key="law",
         )
     if callable(command):
-        return _Function(command)
+        return Function(command)
     if not all(hasattr(command, name) for name in ("most", "begin", "command", "end")):
         raise SimulationError(f"the command is {command!r}", expected="a function, or a Commander")
     return command

@@ -26,6 +26,7 @@ from holdfast.execution.arrays import Array
 from holdfast.host.interruption import ended_by_signals
 from holdfast.interop.mavlink.commands import Commands
 from holdfast.interop.mavlink.frames import Codec, Message, dialect, is_signed, is_v1
+from holdfast.interop.mavlink.lookout import KINDS, PLACES, Lookout, Watch
 from holdfast.interop.planar_motion import Motion, PlanarMotion, Triple
 from holdfast.interop.udp import Closing, Port
 from holdfast.maths.definitions.system import System
@@ -209,7 +210,8 @@ class Counts:
     commands to one, which pass. stale: states older
     than the last. refused: commands that the filter cannot read (another kind of setpoint, a
     signature without a key), which do not pass. unfiltered: other messages that may move the
-    vehicle, which do. unsent: datagrams without a receiver. restarts: of the vehicle.
+    vehicle, which do. unsent: datagrams without a receiver. restarts: of the vehicle. obstacles:
+    messages that say where some are; unplaced: those of which the component cannot say where.
     """
 
     passed: int = 0
@@ -225,6 +227,8 @@ class Counts:
     unfiltered: int = 0
     unsent: int = 0
     restarts: int = 0
+    obstacles: int = 0
+    unplaced: int = 0
 
     def __str__(self) -> str:
         counts = [(f.name, getattr(self, f.name)) for f in fields(self)]
@@ -250,11 +254,16 @@ class SafetyComponent(Closing):
     and to the controller STATUSTEXT where it intervenes and the value and the slack as
     NAMED_VALUE_FLOAT ("hf_value", "hf_slack").
 
+    A filter with obstacles reads OBSTACLE_DISTANCE and OBSTACLE_DISTANCE_3D of any component of the
+    vehicle's system, and AIS_VESSEL and ADSB_VEHICLE. These are placed by GLOBAL_POSITION_INT or
+    GPS_GLOBAL_ORIGIN of the autopilot. All of these pass on. Without distances for the patience the
+    input is the fallback, and nothing is promised.
+
     keep: the filter. component: its own number. hold [s]: how old the last command may be.
     commands: `ManualControl` or `BodyVelocity`. controller, vehicle: connections, "udpin:HOST:PORT"
     or "udpout:HOST:PORT". system, autopilot: the numbers of the vehicle and of its component that
     knows the states. patience [s]: of the relay. key: the secret that signs the connection. pose,
-    twist, bearing: see `PlanarMotion`.
+    twist, bearing: see `PlanarMotion`. lookout: what counts as an obstacle, see `Lookout`.
 
     Raises `SimulationError` and `DefinitionError` for a system that does not fit, for a port in
     use, and for invalid arguments.
@@ -277,6 +286,7 @@ class SafetyComponent(Closing):
         pose: tuple[str, str, str] = ("x", "y", "psi"),
         twist: tuple[str, str, str] = ("u", "v", "r"),
         bearing: float = 0.0,
+        lookout: Lookout | None = None,
     ) -> None:
         if not (hold > patience and hold < math.inf):
             raise SimulationError(f"hold is {hold} s", expected="more than the patience")
@@ -293,6 +303,14 @@ class SafetyComponent(Closing):
         self.system, self.autopilot, self.component = system, autopilot, component
         planar = PlanarMotion(keep.system, pose=pose, twist=twist, bearing=bearing)
         self._measurements = Measurements(planar)
+        if lookout is not None and keep.clearing is None:
+            raise SimulationError(
+                "a lookout is given, and the filter keeps clear of no obstacles",
+                remedy="make it with obstacles=20",
+            )
+        self._watch = None
+        if keep.clearing is not None:
+            self._watch = Watch(planar, lookout or Lookout(), self.relay.patience)
         self._from_controller, self._from_vehicle = Codec(key, link=LINK), Codec(key, link=LINK)
         self._said = Said()
         self._counts = Counts()
@@ -325,6 +343,8 @@ class SafetyComponent(Closing):
         counts.strangers = sum(p.strangers for p in ports)
         counts.unsent = sum(p.unsent for p in ports)
         counts.stale, counts.restarts = measured.stale, measured.restarts
+        if self._watch is not None:
+            counts.obstacles, counts.unplaced = self._watch.taken, self._watch.refused
         return counts
 
     def turn(self, now: float) -> DecisionRecord | None:
@@ -332,9 +352,11 @@ class SafetyComponent(Closing):
         for datagram in self.vehicle.receive(now):
             for message, frame in self._from_vehicle.messages(datagram):
                 self._state(message, now)
+                self._look(message, now)
                 self._pass(frame, self.controller)
         for datagram in self.controller.receive(now):
             for message, frame in self._from_controller.messages(datagram):
+                self._look(message, now)
                 if not self._command(message, frame, now):
                     self._pass(frame, self.vehicle)
         if now - self._beat >= 1.0:
@@ -370,11 +392,30 @@ class SafetyComponent(Closing):
         measurement = self._measurements.take(message, now)
         if self._measurements.restarts > restarts:
             self.relay.reset()
+            if self._watch is not None:
+                self._watch.forget()
             if self._like is not None:  # its age is what it was
                 self.relay.commanded(self._read, self._commanded)
         if measurement is not None:
             states, received = measurement
             self.relay.measured({n: states[n] for n in self.relay.states}, received)
+            if self._watch is not None:
+                self._watch.measured(states)
+
+    def _look(self, message: Message, now: float) -> None:
+        """Take what a message of the vehicle's system says of obstacles."""
+        kind = message.get_type()
+        if self._watch is None or not (kind in KINDS or kind in PLACES):
+            return
+        if message.get_srcSystem() != self.system:
+            self._counts.other_system += kind in KINDS
+        elif kind in KINDS:
+            refused = self._watch.refused
+            self._watch.take(message, now)
+            if self._watch.refused > refused:
+                self._warn(f"not counted: {self._watch.why}", now)
+        elif message.get_srcComponent() == self.autopilot:
+            self._watch.placed(message)
 
     def _command(self, message: Message, frame: bytes, now: float) -> bool:
         """Whether a message is a command that does not pass as it is."""
@@ -404,6 +445,8 @@ class SafetyComponent(Closing):
     # -- to them ---------------------------------------------------------------------------------
 
     def _decide(self, now: float) -> DecisionRecord:
+        if self._watch is not None and (around := self._watch.around(now)) is not None:
+            self.relay.surrounded(*around)
         record = self.relay.decide(now)
         if self._like is not None and now - self._commanded <= self.hold:
             made = self._like

@@ -15,6 +15,7 @@ except ModuleNotFoundError as error:
         remedy='python -m pip install "holdfast[interop]"',
     ) from None
 
+from holdfast.interop.ros2.lookout import Lookout
 from holdfast.interop.ros2.node import (
     ControllerNode,
     FilterNode,
@@ -30,6 +31,7 @@ __all__ = [
     "ControllerNode",
     "FilterNode",
     "Interface",
+    "Lookout",
     "MessageError",
     "Network",
     "Node",

@@ -24,11 +24,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import xxhash
 import zenoh
+import zenoh.ext
 
 from holdfast.analysis.online.controller import Plant
 from holdfast.analysis.online.decision import DecisionRecord, Status
@@ -38,13 +40,27 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, OutputError
 from holdfast.host.interruption import ended_by_signals
 from holdfast.interop import ros_messages as messages
-from holdfast.interop.ros_messages import ODOMETRY, Interface, MessageError, header, made
+from holdfast.interop.ros2.lookout import Lookout, Watch
+from holdfast.interop.ros_messages import (
+    DETECTIONS,
+    GRID,
+    ODOMETRY,
+    Interface,
+    MessageError,
+    header,
+    made,
+)
 from holdfast.interop.udp import Closing
+from holdfast.planning.moving_obstacles import Obstacle
+from holdfast.planning.occupancy_map import OccupancyMap, Unknown
 
 DEPTH = 10
 """The number of messages that a publisher or subscriber keeps, in its token."""
 QOS = f"::,{DEPTH}:,:,:,,"
 """Reliable, volatile, keep the last `DEPTH`; what is empty has the default value of rmw_zenoh."""
+
+LATCHED_QOS = ":1:,1:,:,:,,"
+"""Transient local: the last message, for those that come later too."""
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID = 16
@@ -108,11 +124,12 @@ def node_token(of: NodeName, session: str) -> str:
 
 
 def endpoint_token(
-    of: NodeName, session: str, entity: int, kind: str, topic: str, message: str, digest: str
-) -> str:
+    of: NodeName, session: str, entity: int, kind: str, topic: str, message: str, digest: str,
+    qos: str = QOS,
+) -> str:  # fmt: skip
     """The token of a publisher (kind "MP") or a subscriber ("MS"); `entity` counts them."""
     node = f"@ros2_lv/{of.domain}/{session}/0/{entity}/{kind}/%/{_mangled(of.namespace)}/{of.name}"
-    return f"{node}/{_mangled(topic)}/{dds_type(message)}/{digest}/{QOS}"
+    return f"{node}/{_mangled(topic)}/{dds_type(message)}/{digest}/{qos}"
 
 
 def _mangled(name: str) -> str:
@@ -234,11 +251,17 @@ def router(listen: str = ROUTER) -> Iterator[None]:
 class Publisher:
     """Sends messages of one type on a topic, with their number and the time."""
 
-    def __init__(self, session: Any, key: str, token: str) -> None:
+    def __init__(self, session: Any, key: str, token: str, *, latched: bool = False) -> None:
         self._gid, self._count = gid(token), 0
         self._session, self._key = session, key
         self._token = session.liveliness().declare_token(token)
-        self._publisher = session.declare_publisher(key, express=True)
+        if latched:
+            self._publisher: Any = zenoh.ext.declare_advanced_publisher(
+                session, key, express=True, publisher_detection=True,
+                cache=zenoh.ext.CacheConfig(max_samples=1),
+            )  # fmt: skip
+        else:
+            self._publisher = session.declare_publisher(key, express=True)
 
     def send(self, message: Any, *, last: bool = False) -> None:
         """Send a message; one that finds no room in the queue within a millisecond is dropped.
@@ -271,11 +294,20 @@ class Subscription:
     was wrong with the last of these.
     """
 
-    def __init__(self, session: Any, keys: str, key: str, kind: str, token: str) -> None:
+    def __init__(
+        self, session: Any, keys: str, key: str, kind: str, token: str, *, latched: bool = False
+    ) -> None:
         self._key, self._kind = key, kind
         self.received, self.refused, self.why = 0, 0, ""
         self._token = session.liveliness().declare_token(token)
-        self._subscriber = session.declare_subscriber(keys, zenoh.handlers.RingChannel(KEPT))
+        ring: Any = zenoh.handlers.RingChannel(KEPT)
+        if latched:
+            earlier = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+            self._subscriber: Any = zenoh.ext.declare_advanced_subscriber(
+                session, keys, ring, history=earlier
+            )
+        else:
+            self._subscriber = session.declare_subscriber(keys, ring)
 
     def take(self) -> Iterator[Any]:
         """The messages that came since the last call, in order; at most `KEPT`."""
@@ -327,26 +359,29 @@ class Node(Closing):
         self._known: set[str] = set()
         self._token = self._session.liveliness().declare_token(node_token(self.name, self._id))
 
-    def publisher(self, topic: str, kind: str) -> Publisher:
+    def publisher(self, topic: str, kind: str, *, latched: bool = False) -> Publisher:
         """A publisher of a standard type, as "nav_msgs/msg/Odometry".
 
+        latched: whether subscribers that come later get the last message (transient local).
         Raises `DefinitionError` for a type that is none, and for a name that ROS 2 does not allow.
         """
         topic, digest = self.name.topic(topic), messages.digest(kind)
         key = topic_key(self.name.domain, topic, kind, digest)
-        return Publisher(self._session, key, self._endpoint("MP", topic, kind, digest))
+        token = self._endpoint("MP", topic, kind, digest, latched)
+        return Publisher(self._session, key, token, latched=latched)
 
-    def subscription(self, topic: str, kind: str) -> Subscription:
+    def subscription(self, topic: str, kind: str, *, latched: bool = False) -> Subscription:
         """A subscriber to a standard type; see `publisher`."""
         topic, digest = self.name.topic(topic), messages.digest(kind)
         key = topic_key(self.name.domain, topic, kind, digest)
         keys = f"{self.name.domain}/{topic.strip('/')}/*/*"  # another type is seen, and refused
-        token = self._endpoint("MS", topic, kind, digest)
-        return Subscription(self._session, keys, key, kind, token)
+        token = self._endpoint("MS", topic, kind, digest, latched)
+        return Subscription(self._session, keys, key, kind, token, latched=latched)
 
-    def _endpoint(self, what: str, topic: str, kind: str, digest: str) -> str:
+    def _endpoint(self, what: str, topic: str, kind: str, digest: str, latched: bool) -> str:
         self._entities += 1
-        return endpoint_token(self.name, self._id, self._entities, what, topic, kind, digest)
+        qos = LATCHED_QOS if latched else QOS
+        return endpoint_token(self.name, self._id, self._entities, what, topic, kind, digest, qos)
 
     def graph(self) -> Sequence[str]:
         """The tokens of the nodes, publishers and subscribers of the domain, this node's too.
@@ -526,15 +561,22 @@ class FilterNode(SampledNode):
 
     name, namespace, network: as of `Node`. keep: the filter. interface: how states and inputs stand
     in messages. odometry, nominal, command: other names of the topics. patience [s]: see `Relay`; a
-    message counts as received at the sample that takes it. Fields of the command out of the plane
-    of motion are passed on while commands come. The last command before it is closed is the
+    message counts as received at the sample that takes it. map: of a filter with obstacles, the
+    topic of a nav_msgs/OccupancyGrid, as "map"; its newest one counts, however old, and until one
+    came nothing is promised. unknown: whether its unknown cells are "occupied" or "free". within
+    [m]: how far from the vehicle occupied cells are obstacles. Fields of the command out of the
+    plane of motion are passed on while commands come. The last command before it is closed is the
     filter's fallback.
 
     Messages of other types, without an attachment of rmw_zenoh, in another frame, or unreadable are
     refused: counted and said in the diagnostics, and not taken for a measurement or a command.
 
-    Raises `DefinitionError` for a filter that needs more than Odometry gives, and what `Node` and
-    `Relay` raise.
+    lookout: of a filter with obstacles, what it takes for some; without a map by default
+    vision_msgs' Detection3DArray of the topic `detections`. Where these cease nothing is promised,
+    and the command is the fallback.
+
+    Raises `DefinitionError` for a filter that needs more than Odometry gives, for a map or a
+    lookout beside a filter without obstacles, and what `Node` and `Relay` raise.
     """
 
     @checked
@@ -550,10 +592,27 @@ class FilterNode(SampledNode):
         nominal: str = "nominal_command",
         command: str = "command",
         patience: float = 0.25,
+        map: str | None = None,
+        unknown: Unknown = "occupied",
+        within: float = 3.0,
+        lookout: Lookout | None = None,
     ) -> None:
         self.interface = _fitting(interface, keep)
+        if keep.clearing is None and (map is not None or lookout is not None):
+            raise DefinitionError(
+                f"a {'map' if map else 'lookout'} is given, and the filter keeps clear of no "
+                "obstacles",
+                remedy="make it with obstacles=20",
+            )
+        if keep.clearing is not None and map is None and lookout is None:
+            lookout = Lookout()
+        self.map: OccupancyMap | None = None
+        self._unknown, self._within = unknown, within
+        self._position = keep.clearing.position if keep.clearing else ()
+        self._place: list[float] | None = None
         self.relay = Relay(keep, patience=patience)
-        topics = odometry, nominal, command
+        looked = () if lookout is None else (lookout.detections or odometry, *lookout.neighbours)
+        topics = odometry, nominal, command, *([map] if map else []), *looked
         super().__init__(name, namespace, network, keep.sample_time, topics)
         self._states = keep.measured_states
         self._rest: Mapping[str, float] = {}
@@ -561,26 +620,66 @@ class FilterNode(SampledNode):
         self._nominal = self.node.subscription(nominal, self.interface.command)
         self._command = self.node.publisher(command, self.interface.command)
         self._decisions = self.node.publisher("~/decisions", TEXT)
-        self._diagnostics = Diagnostics(
-            self.node, keep.system.name, {"odometry": self._odometry, "command": self._nominal}
-        )
+        heard = {"odometry": self._odometry, "command": self._nominal}
+        self._map = None if map is None else self.node.subscription(map, GRID, latched=True)
+        if self._map is not None:
+            heard["map"] = self._map
+        self._watch = None if lookout is None else Watch(lookout, self.interface.frame)
+        self._boxes, self._neighbours = None, dict[str, Subscription]()
+        if lookout is not None:
+            if lookout.detections is not None:
+                self._boxes = self.node.subscription(lookout.detections, DETECTIONS)
+                heard["detections"] = self._boxes
+            self._neighbours = {n: self.node.subscription(n, ODOMETRY) for n in lookout.neighbours}
+            heard |= self._neighbours
+        self._diagnostics = Diagnostics(self.node, keep.system.name, heard)
 
     def step(self, now: float) -> DecisionRecord:
         """Take what came, decide, and publish."""
+        if self._map is not None:
+            self.map = _newest(self._map, self._read_map) or self.map
         state = _newest(self._odometry, self.interface.state)
+        unmapped = self._map is not None and self.map is None
         if state is not None:
             self.relay.measured([state[n] for n in self._states], now)
+            self._place = [state[n] for n in self._position]
         asked = _newest(self._nominal, self.interface.inputs)
         if asked is not None:
             inputs, self._rest = asked
             self.relay.commanded(inputs, now)
+        self._look(now)
         record = self.relay.decide(now)
+        if unmapped and record.why:
+            record = replace(record, why="no map yet: the input is the fallback")
         rest = {} if record.lost else self._rest
         stamp = time.time_ns()
         self._command.send(self.interface.wrap(record.input, stamp, rest))
         self._decisions.send(made(TEXT, data=record.line()))
         self._diagnostics.tell(record, now, stamp, self.loop.skipped)
         return record
+
+    def _read_map(self, message: Any) -> OccupancyMap:
+        return self.interface.map(message, self._unknown, self.map)
+
+    def _look(self, now: float) -> None:
+        """Take what came of obstacles, and those of the map around the last place."""
+        if self._watch is None and self._map is None:
+            return
+        around: tuple[list[Obstacle], float] | None = [], now
+        if (watch := self._watch) is not None:
+            if self._boxes is not None:
+                watch.seen(_newest(self._boxes, watch.boxes), now)
+            for topic, subscription in self._neighbours.items():
+                watch.met(topic, _newest(subscription, partial(watch.neighbour, topic)), now)
+            around = watch.around(now)
+        if around is None:
+            return
+        obstacles, at = around
+        if self._map is not None:
+            if self.map is None or self._place is None:
+                return
+            obstacles = [*obstacles, *self.map.near(self._place, self._within)]
+        self.relay.surrounded(obstacles, at)
 
     def close(self) -> None:
         """Send the fallback and leave the graph."""
@@ -676,6 +775,10 @@ class FilterOptions(TypedDict, total=False):
     nominal: str
     command: str
     patience: float
+    map: str | None
+    unknown: Unknown
+    within: float
+    lookout: Lookout | None
 
 
 @checked

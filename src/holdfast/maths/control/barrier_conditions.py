@@ -39,7 +39,13 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select, sgn
 from holdfast.maths.expressions.random_points import is_zero
-from holdfast.maths.expressions.traversal import derivatives, exchanged, symbols_of
+from holdfast.maths.expressions.traversal import (
+    at_numbers,
+    derivatives,
+    exchanged,
+    parts,
+    symbols_of,
+)
 
 
 @checked
@@ -134,13 +140,41 @@ def _branches(
     expression: sp.Expr, values: Mapping[sp.Symbol, float]
 ) -> Iterator[tuple[sp.Expr, sp.Expr]]:
     """The two expressions whose larger one is `expression`, for a kink that it increases with."""
-    for kink in sorted(expression.atoms(greatest, magnitude), key=sp.default_sort_key):
+    kinks = sorted(_kinks(expression, greatest, magnitude), key=sp.default_sort_key)
+    if kinks and kinks[0] == expression:
+        yield _sides(expression)
+        return
+    decided = {  # a condition of the states is no number, whatever it is
+        e.args[0]: sp.Dummy(real=True)
+        for e in parts([expression])
+        if isinstance(e, select) and symbols_of([e.args[0]]) - values.keys()
+    }
+    short, *shorter = exchanged([expression, *kinks], decided)
+    for kink, of_short in zip(kinks, shorter, strict=True):
         inner = sp.Dummy(real=True)
-        slope = expression.xreplace({kink: inner}).diff(inner).subs(values)
+        (smooth,) = exchanged([short], {of_short: inner})
+        slope = at_numbers(derivatives(smooth, [inner])[inner], values)
         if slope.is_number and slope > 0:
-            a = kink.args[0]
-            b = kink.args[1] if isinstance(kink, greatest) else -a
-            yield expression.xreplace({kink: a}), expression.xreplace({kink: b})
+            a, b = (exchanged([expression], {kink: side})[0] for side in _sides(kink))
+            yield a, b
+
+
+def _sides(kink: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """The two expressions whose larger one is the kink."""
+    a = kink.args[0]
+    return a, kink.args[1] if isinstance(kink, greatest) else -a
+
+
+def _kinks(expression: sp.Expr, *kinds: type[sp.Expr]) -> list[sp.Expr]:
+    """The parts of these kinds, each once, without those that only decide between two branches."""
+    seen: dict[sp.Basic, None] = {}
+    waiting: list[sp.Basic] = [expression]
+    while waiting:
+        part = waiting.pop()
+        if part not in seen:
+            seen[part] = None
+            waiting += part.args[1:] if isinstance(part, select) else part.args
+    return [part for part in seen if isinstance(part, kinds)]
 
 
 def as_states(effects: Mapping[sp.Symbol, sp.Expr]) -> str:
@@ -206,7 +240,7 @@ def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
     return ViabilityCondition(
         name=name,
         value=value,
-        gradient=tuple(value.diff(q.symbol) for q in system.states),
+        gradient=tuple(derivatives(value, [q.symbol for q in system.states]).values()),
         rate=undriven,
         effect=effect,
         carried=carried,
@@ -216,9 +250,7 @@ def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
         by_input=by_input,
         ties=tuple(
             k.args[0] - k.args[1] if isinstance(k, (least, greatest)) else k.args[0]
-            for k in sorted(
-                value.atoms(least, greatest, magnitude, select, sgn), key=sp.default_sort_key
-            )
+            for k in _kinks(value, least, greatest, magnitude, select, sgn)
         ),
     )
 
@@ -345,7 +377,7 @@ def _later_condition(system: System, c: ViabilityCondition, value: sp.Expr) -> V
     return ViabilityCondition(
         name=c.name,
         value=value,
-        gradient=tuple(value.diff(q.symbol) for q in system.states),
+        gradient=tuple(derivatives(value, [q.symbol for q in system.states]).values()),
         rate=drift,
         effect=effect,
         carried=carried,

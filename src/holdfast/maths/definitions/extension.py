@@ -13,10 +13,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from numbers import Real
+from typing import Annotated
 
 import sympy as sp
 
-from holdfast.arguments import checked
+from holdfast.arguments import Unit, checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.bounds import Bounds, Box, product, section
 from holdfast.maths.definitions.quantity import TIME, Parameter, Quantity, symbol
@@ -352,6 +353,43 @@ def both(first: Region, second: Region) -> Region:
         inequalities=(*first.inequalities, *second.inequalities),
         parameters=(*first.parameters, *second.parameters),
         scene=(*first.scene, *second.scene),
+    )
+
+
+@checked
+def panning(system: System, rate: Annotated[float, Unit("rad/s")], *, name: str = "pan") -> System:
+    """The system with a camera that pans: its direction is a state, the pan rate an input.
+
+        pan' = pan_rate,   |pan_rate| <= rate
+
+    rate: the fastest [rad/s]. name: of the state, an angle from the heading of the vehicle
+    [rad], positive to its left; the input is NAME_rate. Two cameras have two names.
+
+    A limit of the angle is a constraint: `pan_limit` of `targets_in_view`. Raises
+    `DefinitionError` for a rate that is not above 0, and a name that the system has already.
+
+    >>> hf.panning(robot, 1.0).input_names
+    ('v', 'r', 'pan_rate')
+    """
+    if not 0 < rate < math.inf:
+        raise DefinitionError(f"rate of '{name}' is {rate!r}", expected="a number of rad/s above 0")
+    turned = Quantity(f"{name}_rate", "rad/s", f"rate of {name}")
+    for new in (name, turned.name):
+        if new in {q.name for q in (*system.states, *system.inputs, *system.parameters)}:
+            raise DefinitionError(
+                f"system '{system.name}' has a quantity '{new}' already",
+                remedy="give the camera another name",
+            )
+    side = sp.Float(rate)
+    before = system.input_bounds or free_box(len(system.inputs))
+    camera = Box((-side,), (side,))
+    return replace(
+        system,
+        name=f"{system.name}, camera that pans",
+        states=(*system.states, Quantity(name, "rad", "angle of the camera", angle=True)),
+        inputs=(*system.inputs, turned),
+        rates={**system.rates, name: turned.symbol},
+        input_bounds=product(before, camera) if system.inputs else camera,
     )
 
 

@@ -61,6 +61,14 @@ class RealFunction(sp.Function):
         return None if any(n is None for n in numbers) else [n for n in numbers if n is not None]
 
 
+class Frozen(RealFunction):
+    """A function that is read where it is computed, such as which corner is nearest: its value is
+    that of no formula here, and it is a number when it is differentiated."""
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        return sp.S.Zero
+
+
 class sgn(RealFunction):
     """Sign with sgn(0) = +1; frozen (derivative 0) when differentiated."""
 

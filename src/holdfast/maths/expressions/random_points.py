@@ -16,6 +16,8 @@ import mpmath
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.expressions.functions import Frozen, RealFunction, select
+from holdfast.maths.expressions.traversal import parts, symbols_of
 
 _DIGITS = 50
 _TRIALS, _WANTED = 60, 6
@@ -105,14 +107,45 @@ class Sampler:
 def is_zero(expression: sp.Expr) -> bool:
     """Whether the expression is zero for all values of its symbols.
 
-    A random point where it is not zero decides at once; else `simplify` does, which takes long.
+    Random points where it is not zero decide at once; else `simplify` does, which takes long. There
+    what is `Frozen` may be any number, and where it decides, both branches of a `select` count.
     """
     if expression.is_Number:
         return bool(expression == 0)
-    sampler = Sampler({}, [expression])
-    if sampler.nonzero(expression, sampler.point(expression.free_symbols)):
+    tried = _of_all_branches(expression)
+    sampler, free = Sampler({}, [tried]), symbols_of([tried])
+    if any(sampler.nonzero(tried, sampler.point(free, k)) for k in range(_WANTED)):
         return False
     return sp.simplify(expression) == 0
+
+
+def _of_all_branches(expression: sp.Expr) -> sp.Expr:
+    """With a number in the place of what is frozen, and a sum of the branches that it decides.
+
+    The weights are above 0, and those of the same condition are the same.
+    """
+    weights: dict[sp.Basic, list[sp.Expr]] = {}
+    memo: dict[sp.Basic, sp.Basic] = {}
+
+    def made(e: sp.Basic) -> sp.Basic:
+        if isinstance(e, Frozen):
+            return sp.Dummy(real=True)
+        if isinstance(e, select) and any(isinstance(p, Frozen) for p in parts([e.args[0]])):
+            condition, *cases = e.args
+            if condition not in weights:
+                weights[condition] = [sp.Dummy(real=True) ** 2 for _ in cases]
+            pairs = zip(weights[condition], map(replaced, cases), strict=True)
+            return sp.Add(*(w * case for w, case in pairs))
+        arguments = [replaced(a) for a in e.args]
+        same = all(a is b for a, b in zip(arguments, e.args, strict=True))
+        return e if same else e.func(*arguments)
+
+    def replaced(e: sp.Basic) -> sp.Basic:
+        if e not in memo:
+            memo[e] = made(e)
+        return memo[e]
+
+    return sp.sympify(replaced(expression))
 
 
 @lru_cache(maxsize=256)
@@ -186,9 +219,10 @@ def _applied(e: sp.Basic, parts: Sequence[Bounded], at: Mapping[sp.Symbol, sp.Ex
     if not mpmath.isfinite(value):
         return _NONE
     size = abs(value)
-    for argument, part, (_, s) in zip(arguments, e.args, parts, strict=True):
+    for i, (argument, part, (_, s)) in enumerate(zip(arguments, e.args, parts, strict=True)):
         if s != 0 and not part.is_number:
-            slope = f.diff(argument)
+            unit = [sp.Integer(j == i) for j in range(len(parts))]
+            slope = f.slope(unit) if isinstance(f, RealFunction) else f.diff(argument)
             if slope.has(sp.Derivative, sp.Subs):
                 return _NONE
             size += abs(value_at(slope, here)) * s

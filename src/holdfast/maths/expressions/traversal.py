@@ -37,6 +37,7 @@ from sympy.printing.str import StrPrinter
 from holdfast.errors import DefinitionError
 from holdfast.maths.expressions.functions import (
     FUNCTIONS,
+    Frozen,
     RealFunction,
     greatest,
     least,
@@ -108,7 +109,12 @@ def derivatives(expression: sp.Expr, by: Iterable[sp.Symbol]) -> dict[sp.Symbol,
 
 def _derivative(e: sp.Expr, s: sp.Symbol, memo: dict[sp.Basic, sp.Expr]) -> sp.Expr:
     if e not in memo:
-        if isinstance(e, CHAINED):
+        if isinstance(e, Frozen):
+            memo[e] = sp.S.Zero
+        elif isinstance(e, select):  # the condition has no slope
+            of_cases = [_derivative(a, s, memo) for a in e.args[1:]]
+            memo[e] = _by_chain(e, s, [sp.S.Zero, *of_cases])
+        elif isinstance(e, CHAINED):
             memo[e] = _by_chain(e, s, [_derivative(a, s, memo) for a in e.args])
         else:
             memo[e] = e.diff(s)

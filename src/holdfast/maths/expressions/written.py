@@ -28,7 +28,7 @@ FUNCTIONS: Mapping[str, Callable[..., sp.Expr]] = {
         sp.log, sp.sinh, sp.cosh, sp.tanh, sp.Abs, sp.sign, sp.Min, sp.Max, functions.sgn,
         functions.wrap, functions.select, functions.least, functions.greatest, functions.angle,
         functions.length, functions.magnitude, walls.nearest_on_walls, walls.nearest_face,
-        walls.nearest_to_sight,
+        walls.nearest_to_sight, walls.separating_sides, walls.passing,
     )
 }  # fmt: skip
 

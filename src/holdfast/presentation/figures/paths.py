@@ -18,6 +18,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon, Wedge
 
+from holdfast.analysis.simulation.files import NamedArrays
 from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, check_name
@@ -92,6 +93,9 @@ BODY: dict[str, Any] = {
     "facecolor": style.GREY, "alpha": 0.35, "edgecolor": style.BLACK, "linewidth": 0.8, "zorder": 2,
 }  # fmt: skip
 
+STANDS = {**BODY, "alpha": 0.7, "zorder": 1.5}
+WAY: dict[str, Any] = {"color": style.GREY, "linestyle": ":", "linewidth": 0.9, "zorder": 1}
+
 _MAX_POINTS = 160
 _MAX_BOLD = 3000
 _SHOWN_RUNS = 300
@@ -134,7 +138,9 @@ def paths_figure(
         one = bool(units[0] == units[1])
         levels = PlaneLevels.of(result, plane)
         placed = _bodies_along(result, plane, cone_run, cones)
-        frame = framed(xy[framing], result, levels, placed, equal=one)
+        moving = _obstacles_along(result, plane, cone_run, max(cones, 1))
+        beside = [*placed, *(rims[0][1] for _, _, rims in moving if _stands(rims))]
+        frame = framed(xy[framing], result, levels, beside, equal=one)
         window = (*frame.x, *frame.y)
         lines = levels.lines(window)
         across, up = frame.size
@@ -160,6 +166,9 @@ def paths_figure(
         _draw_highlights(panels[-1], result, xy, bold)
         if cones > 0:
             _draw_views(panels[-1], result, xy[cone_run], cone_run, names, cones)
+        for axis in panels:
+            _draw_ways(axis, data, plane)
+        _draw_moving(panels[-1], moving, xy[cone_run], data["time"].values)
         for outline in placed:
             panels[-1].add_patch(Polygon(outline, label="vehicle with trailers", **BODY))
         for axis in panels:
@@ -239,6 +248,10 @@ def _draw_ensemble(axis: Axes, data: Any, xy: Array, beyond: int) -> None:
     title = f"{len(xy)} starts, by outcome"
     if shown < len(xy):
         title += f" ({shown} drawn)"
+    if "obstacle_outline" in data:
+        names = data["constraint_name"].values.tolist()
+        least = -data["worst_constraint"].values[:, names.index("moving_obstacles")].max()
+        title += f"\nat least {least:.3g} m from an obstacle"
     if beyond:
         title += f"\n{beyond} leave{'s' if beyond == 1 else ''} the frame"
     axis.set_title(title)
@@ -360,6 +373,78 @@ def _bodies_along(result: Result, plane: Sequence[str], run: int, count: int) ->
         for part in parts:
             outlines.append(_corners(part, values))
     return outlines
+
+
+Rims = list[tuple[float, Array]]
+"""Times [s] and the rim of an obstacle at each, shape (points, 2)."""
+
+
+def _obstacles_along(
+    result: Result, plane: tuple[str, str], run: int, count: int
+) -> list[tuple[str, int, Rims]]:
+    """Obstacles that move, each with its name, the number of its first record and its rims, at
+    times evenly spaced over the run; none in another plane than that of the position."""
+    data = result.arrays
+    if "obstacle_outline" not in data or not _is_position(data, plane):
+        return []
+    from holdfast.planning.encounters import outlines_at  # with polygons
+
+    states = data["state"].values[run]
+    last = int(np.flatnonzero(np.isfinite(states).all(axis=1))[-1])
+    each: dict[tuple[str, int], Rims] = {}
+    for k in np.unique(np.linspace(0, last, count + 1).round().astype(int)).tolist():
+        for row, (name, rim) in enumerate(outlines_at(data, k)):
+            each.setdefault((name, row), []).append((float(data["time"].values[k]), rim))
+    return [(name, row, rims) for (name, row), rims in each.items()]
+
+
+def _is_position(data: NamedArrays, plane: tuple[str, str]) -> bool:
+    """Whether obstacles are in this plane."""
+    return ", ".join(plane) == str(data["obstacle_way"].attrs["names"])
+
+
+def _draw_ways(axis: Axes, data: NamedArrays, plane: tuple[str, str]) -> None:
+    """The ways of the middles of obstacles that move, and those that stand, filled."""
+    if "obstacle_outline" not in data or not _is_position(data, plane):
+        return
+    from holdfast.planning.encounters import outlines_at
+
+    middles = np.nanmean(data["obstacle_outline"].values, axis=1)
+    stands = [np.ptp(way, axis=0).max() == 0.0 for way in data["obstacle_way"].values]
+    for still, (_, rim) in zip(stands, outlines_at(data, 0), strict=True):
+        if still:
+            axis.add_patch(Polygon(rim, **STANDS))
+    if any(stands):
+        axis.add_patch(Polygon(np.zeros((3, 2)) * np.nan, label="obstacle", **STANDS))
+    for still, middle, way in zip(stands, middles, data["obstacle_way"].values, strict=True):
+        if not still:
+            axis.plot(*(middle + way).T, **WAY)
+    if not all(stands):
+        axis.plot([], [], label="way of an obstacle", **WAY)
+
+
+def _stands(rims: Rims) -> bool:
+    return bool(np.array_equal(rims[0][1], rims[-1][1]))
+
+
+def _draw_moving(
+    axis: Axes, moving: Sequence[tuple[str, int, Rims]], path: Array, times: Array
+) -> None:
+    """The rims of moving obstacles, darker later; along the path where the vehicle was then."""
+    drawn = [rims for _, _, rims in moving if not _stands(rims)]
+    for rims in drawn:
+        for k, (_, rim) in enumerate(rims):
+            shade = 0.08 + 0.3 * k / max(len(rims) - 1, 1)
+            axis.add_patch(Polygon(rim, **{**BODY, "alpha": shade, "zorder": 1.5}))
+    if not drawn:
+        return
+    axis.add_patch(Polygon(np.zeros((3, 2)) * np.nan, label="obstacle, darker later", **BODY))
+    for t, _ in drawn[0][1:]:
+        x, y = path[int(np.searchsorted(times, t))]
+        axis.plot(x, y, "o", color=style.BLACK, markersize=2.5, zorder=4)
+        axis.annotate(
+            f"{t:.0f} s", (x, y), xytext=(3, 3), textcoords="offset points", fontsize=6.5, zorder=6
+        )
 
 
 def _outline(view: Cone | Footprint, values: Values) -> Patch | None:

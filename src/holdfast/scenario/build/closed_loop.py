@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from holdfast.analysis.online.obstacle_slots import Clearing, check_pose
 from holdfast.analysis.simulation.starts import Starts
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.arrays import Array
@@ -24,7 +25,8 @@ from holdfast.maths.catalogue.laws.follow_leader import FOLLOWERS
 from holdfast.maths.catalogue.signature import accepted_parameters, arguments, wants_law
 from holdfast.maths.control.blended_redesign import redesign
 from holdfast.maths.control.observer import observe, observe_set
-from holdfast.maths.control.safety_filter import limit_rates, over_time, safeguard
+from holdfast.maths.control.parameter_box import parameter_box
+from holdfast.maths.control.safety_filter import in_order, limit_rates, over_time, safeguard
 from holdfast.maths.control.unmodelled import PREFIX, cancel_unmodelled
 from holdfast.maths.control.velocity_tracking import commanded, track_velocity
 from holdfast.maths.definitions.law import Law
@@ -71,15 +73,20 @@ def commander_of(
 
     controller: the command line that starts it. Raises `ScenarioError` where there is none.
     """
-    if not law.handed:
+    names = commanded_by_another(law)
+    if not names:
         return None
-    names = [q.name.removeprefix("command_") for q in law.handed]
     if not controller:
         raise ScenarioError(
             f"{file}: law: another controller commands {', '.join(names)}",
             remedy="give holdfast run --controller 'COMMAND', in Python with_controller('COMMAND')",
         )
     return Programmed(Programs(controller, system.state_names, names))
+
+
+def commanded_by_another(law: Law | Switching) -> list[str]:
+    """The inputs that another controller commands; obstacles are handed to a law too."""
+    return [q.name.removeprefix(COMMAND) for q in law.handed if q.name.startswith(COMMAND)]
 
 
 class Programmed:
@@ -96,6 +103,9 @@ class Programmed:
         measured = states[:, : len(self.programs.states)]  # not what the lag of actuators adds
         return np.array(self.programs.answers(t, measured.tolist(), alive.tolist()))
 
+
+COMMAND = "command_"
+"""How what another controller commands is named."""
 
 Settings = dict[str, Any]
 """Of a safety filter: arguments of `SafetyFilter`."""
@@ -130,9 +140,10 @@ def composed_law(
                     expected="[safeguard] disturbance_measured = true, for a filter of another "
                     "controller",
                 )
-    if spec.safeguard is not None:
+    without = spec.obstacles is not None and not _counts(spec) and region is None  # most = 0
+    if _counts(spec) or (spec.safeguard is not None and not without):
         run = spec.run.read(composer.file, "run", defaults=True)
-        law, filtering = _safeguarded(composer, spec.safeguard, law, region, system, run)
+        law, filtering = _safeguarded(composer, spec, law, region, system, run)
     if spec.observer is not None:
         law, observed = _observed(composer, spec.observer, system, law)
         composer.declare(law.parameters)
@@ -199,20 +210,23 @@ def _observed(
 
 def _safeguarded(
     composer: Composer,
-    spec: SafeguardSpec,
+    scenario: ScenarioSpec,
     law: Law | Switching,
     region: Region | None,
     system: System,
     run: Mapping[str, Any],
 ) -> tuple[Law | Switching, Settings]:
-    file = composer.file
-    if region is None:
+    """The law with the conditions of [obstacles], then those of [region] by [safeguard]."""
+    file, spec = composer.file, scenario.safeguard or SafeguardSpec()
+    keeps_region = scenario.safeguard is not None and region is not None
+    if region is None and not _counts(scenario):
         raise ScenarioError(f"{file}: safeguard: needs a [region]")
     more = None
     if spec.constraints:
         more = composer.region({"constraints": spec.constraints}, "safeguard")
-    inequalities = (*region.inequalities, *(more.inequalities if more is not None else ()))
-    numbers = (*system.parameters, *region.parameters)
+    inequalities = (*region.inequalities,) if region is not None else ()
+    inequalities += more.inequalities if more is not None else ()
+    numbers = (*system.parameters, *(region.parameters if region is not None else ()))
     rates = {q.name: over_time(q.unit, 1) for q in (*system.inputs, *system.states)}
     settings = spec.read(
         file,
@@ -224,15 +238,63 @@ def _safeguarded(
         },
     )
     limits = settings.pop("rates", None)
-    settings["constraints"] = more
+    filters: list[Any] = []
+    if scenario.obstacles is not None and _counts(scenario):
+        from holdfast.scenario.build.moving import composed_clearing  # with polygons
+
+        clearing = composed_clearing(file, scenario.obstacles)
+        filters.append(_clear(file, clearing, law, system, run, settings, scenario))
     with at(file, "safeguard"):
         held = None if run["continuous"] else run["sample_time"]
-        guarded: Law | Switching = safeguard(system, law, region, sample_time=held, **settings)
+        if keeps_region:
+            assert region is not None
+            inside = safeguard(system, law, region, sample_time=held, constraints=more, **settings)
+            filters.append(inside)
+        guarded: Law | Switching = filters[0] if len(filters) == 1 else in_order(filters)
+        if keeps_region:
+            settings["constraints"] = more
+        if _counts(scenario):
+            settings["obstacles"] = clearing
         if limits:
             guarded = limit_rates(system, guarded, limits)
             settings["rates"] = limits
     composer.declare(guarded.parameters)
     return guarded, settings
+
+
+def _counts(spec: ScenarioSpec) -> bool:
+    """Whether the filter counts with obstacles that move."""
+    return spec.obstacles is not None and spec.obstacles.most > 0
+
+
+def _clear(
+    file: str,
+    clearing: Clearing,
+    law: Law | Switching,
+    system: System,
+    run: Mapping[str, Any],
+    settings: Settings,
+    scenario: ScenarioSpec,
+) -> Law:
+    """The law that keeps clear of the obstacles that it is handed."""
+    with at(file, "obstacles"):
+        if not isinstance(law, Law):
+            raise ScenarioError("the law has modes", expected="a law without modes")
+        if run["continuous"]:
+            raise ScenarioError("obstacles with continuous control", expected="sampled control")
+        if scenario.safety is not None:
+            raise ScenarioError("obstacles beside [safety]", expected="[safeguard], or none")
+        names = {p.name for p in system.parameters}
+        uncertain = {n: v for n, v in settings.get("uncertain", {}).items() if n in names}
+        held = clearing.of(system)
+        if scenario.observer is not None:
+            check_pose(held, getattr(scenario.observer, "measured", ()))
+        return held.law(
+            system, law, gains=settings.get("gains"),
+            disturbance_measured=settings.get("disturbance_measured", False),
+            worst=settings.get("worst", ()), box=parameter_box(uncertain, system, None),
+            scales=settings.get("scales", {}), sample_time=float(run["sample_time"]),
+        )  # fmt: skip
 
 
 def _redesigned(

@@ -35,6 +35,7 @@ from holdfast.maths.definitions.extension import (
     dynamic_extension,
     input_limits,
     lagged,
+    panning,
     per_second,
     promote,
     steady_bounds,
@@ -69,6 +70,7 @@ from holdfast.scenario.schema.closed_loop import (
     RegionSpec,
     ShapeSpec,
     SystemSpec,
+    ViewSpec,
 )
 from holdfast.scenario.schema.values import ParameterSpec, Section, Value, at, validated
 
@@ -170,19 +172,54 @@ def obstacle_region(
     assert system is not None
     spec = validated(ObstaclesSpec, table, composer.file, key)
 
-    def metres(corners: Sequence[Sequence[Any]]) -> list[list[float]]:
-        return [[to_si(c, "m") for c in corner] for corner in corners]
-
     with at(composer.file, key):
         outside: Region = obstacles(
             system,
-            {name: metres(corners) for name, corners in spec.obstacles.items()},
-            room=None if spec.room is None else metres(spec.room),
+            {name: _metres(corners) for name, corners in spec.obstacles.items()},
+            room=None if spec.room is None else _metres(spec.room),
             clearance=to_si(spec.clearance, "m"),
             position=spec.position,
         )
     composer.declare(outside.parameters)
     return outside
+
+
+def view_region(
+    composer: Composer, system: System | None, placed: Mapping[str, Any], table: object, key: str
+) -> Region:
+    """The region in which the targets of the table are in view, past the placed obstacles."""
+    from holdfast.planning.sight import targets_in_view  # with geometry
+
+    assert system is not None
+    around = validated(ObstaclesSpec, placed, composer.file, key)
+    spec = validated(ViewSpec, table, composer.file, f"{key}.view")
+    names = {q.name: q.symbol for q in system.states}
+
+    def si(value: str | float | None, unit: str) -> float | None:
+        return None if value is None else to_si(value, unit)
+
+    with at(composer.file, f"{key}.view"):
+        seen: Region = targets_in_view(
+            system,
+            {n: tuple(_end(c, "m", names) for c in place) for n, place in spec.targets.items()},
+            {name: _metres(corners) for name, corners in around.obstacles.items()},
+            room=None if around.room is None else _metres(around.room),
+            at_least=spec.at_least,
+            clearance=to_si(spec.clearance, "m"),
+            half_angle=si(spec.half_angle, "rad"),
+            range_min=si(spec.range_min, "m"),
+            range_max=si(spec.range_max, "m"),
+            heading=spec.heading,
+            pan=spec.pan,
+            pan_limit=si(spec.pan_limit, "rad"),
+            position=spec.position,
+        )
+    composer.declare(seen.parameters)
+    return seen
+
+
+def _metres(corners: Sequence[Sequence[Any]]) -> list[list[float]]:
+    return [[to_si(c, "m") for c in corner] for corner in corners]
 
 
 MOVING = ("cone", "footprint")
@@ -469,8 +506,10 @@ class Composer:
 
     def region(self, table: Mapping[str, Any], key: str) -> Region:
         """[region] or [goal], with the limits of inputs that are states."""
-        plain, placed = without_obstacles(table)
-        parts = [self._region(plain, key)] if plain or not placed else []
+        view = table.get("view")
+        plain, placed = without_obstacles({n: v for n, v in table.items() if n != "view"})
+        parts = [self._region(plain, key)] if plain or not (placed or view) else []
+        parts += [view_region(self, self.system_built, placed, view, key)] if view else []
         parts += [obstacle_region(self, self.system_built, placed, key)] if placed else []
         return reduce(both, [*parts, self.limits] if key == "region" and self.limits else parts)
 
@@ -505,7 +544,7 @@ class Composer:
 
 LATE = ("lag", "slew")
 """Of actuators: keys of the vehicle that moves, not of the model that laws and kernels are of."""
-REDUCTIONS = ("keep", "promote", "disturb", "extend", "unmodelled", *LATE)
+REDUCTIONS = ("keep", "promote", "disturb", "extend", "pan", "unmodelled", *LATE)
 VEHICLE = "vehicle"
 """In place of the table of lags: those of the vehicle file, with its slews."""
 STEADY = "steady"
@@ -535,6 +574,9 @@ def composed_system(composer: Composer, table: Mapping[str, Any]) -> System:
         with at(composer.file, "system.extend"):
             composer.limits = input_limits(system, names)
             system = dynamic_extension(system, names, rates)
+    if "pan" in table:
+        with at(composer.file, "system.pan"):
+            system = panning(system, to_si(table["pan"], "rad/s"))
     if "unmodelled" in table:
         names, bounds = _intervals(composer, system, table, "unmodelled")
         assert bounds is not None

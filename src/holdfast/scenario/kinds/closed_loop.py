@@ -33,6 +33,7 @@ from holdfast.maths.definitions.system import System, check_disturbance_units
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.parser import parse_expression, parse_formula, parse_number
 from holdfast.scenario.build.closed_loop import (
+    commanded_by_another,
     commander_of,
     composed_law,
     drawn_names,
@@ -57,6 +58,8 @@ from holdfast.scenario.schema.values import at, validated
 if TYPE_CHECKING:
     from holdfast.analysis.online.safety_filter import SafetyFilter
     from holdfast.analysis.simulation.law_comparison import Entry
+    from holdfast.execution.simulation.closed_loop import Commander
+    from holdfast.scenario.build.moving import Surroundings
     from holdfast.scenario.kernel_reference import Safety
 
 
@@ -123,6 +126,7 @@ class Scenario(Composed):
     safety: Safety | None = None
     controller: str = ""
     filtering: Mapping[str, Any] | None = None
+    surroundings: Surroundings | None = None
     remark: str | None = None
 
     @property
@@ -147,10 +151,15 @@ class Scenario(Composed):
 
         part: of all runs those to simulate; every run is the same in any part.
         """
+        commander: Commander | None = None
         commander = commander_of(self.file, self.model, self.law, self.controller)
-        law = self.kept(progress).law
+        law, around = self.kept(progress).law, self.surroundings
+        sample_time = float(self.settings["sample_time"])
+        if around is not None:
+            around.check(self.file, float(self.settings["horizon"]), sample_time)
+            commander = around.commander(self.model, law, commander)
         with at(self.file, "run", self.text):
-            return simulate(
+            result = simulate(
                 self.system,
                 law,
                 starts=self.starts,
@@ -174,13 +183,14 @@ class Scenario(Composed):
                 command=commander,
                 **self.settings,
             )
+        return result if around is None else around.judged(result, sample_time)
 
     def beforehand(self) -> Scenario:
         """The same, with a sentence where its disturbance leaves no place at rest in the region."""
         return replace(self, remark=no_rest(self))
 
     def with_controller(self, line: str) -> Scenario:
-        if not self.law.handed:
+        if not commanded_by_another(self.law):
             super().with_controller(line)
         return replace(self, controller=line)
 
@@ -190,11 +200,11 @@ class Scenario(Composed):
         The kernel is computed.
         """
         settings, safety = self.filtering, self.safety
-        if settings is None or not self.law.handed:
+        commanded = commanded_by_another(self.law)
+        if settings is None or not commanded:
             return super().safety_filter(progress)
         from holdfast.analysis.online.safety_filter import SafetyFilter
 
-        commanded = [q.name.removeprefix("command_") for q in self.law.handed]
         if missing := [n for n in self.model.input_names if n not in commanded]:
             raise ScenarioError(
                 f"{self.file}: law.external: the other controller does not command "
@@ -209,13 +219,14 @@ class Scenario(Composed):
             )
         timing: dict[str, Any] = {"sample_time": float(self.settings["sample_time"])}
         if safety is None:
-            if "constraints" not in settings or self.region is None:
+            keep = [] if "constraints" not in settings or self.region is None else [self.region]
+            if not keep and "obstacles" not in settings:
                 raise ScenarioError(
                     f"{self.file}: nothing keeps the command of the other controller",
-                    expected="[safeguard] or [safety]",
+                    expected="[safeguard], [safety] or [obstacles]",
                 )
             with at(self.file, "safeguard"):
-                return SafetyFilter(self.model, self.region, **settings, **timing)
+                return SafetyFilter(self.model, keep[0] if keep else (), **settings, **timing)
         if safety.alone or safety.tracking is not None:
             raise ScenarioError(
                 f"{self.file}: safety.alone: the kernel replaces the command of the other "
@@ -281,7 +292,10 @@ class Scenario(Composed):
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
         from holdfast.analysis.simulation.law_comparison import tally_of
 
-        ends = self.with_settings(threads=threads, record_every=self.settings["horizon"])
+        every = self.settings["horizon"]
+        if self.surroundings is not None:  # which are judged where the runs are recorded
+            every = self.settings["record_every"]
+        ends = self.with_settings(threads=threads, record_every=every)
         return tally_of(ends.run(part=part))
 
     @property
@@ -402,6 +416,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         start_outside=spec.starts.start_outside,
         safety=_safety(file, spec, system),
         filtering=filtering,
+        surroundings=_surroundings(file, spec, system, timeless, values, draws),
     )
 
 
@@ -411,6 +426,24 @@ def _safety(file: str, spec: ScenarioSpec, system: System) -> Safety | None:
     from holdfast.scenario.kernel_reference import composed_safety  # with value functions
 
     return composed_safety(file, spec, system)
+
+
+def _surroundings(
+    file: str,
+    spec: ScenarioSpec,
+    system: System,
+    names: Mapping[str, sp.Expr],
+    values: Mapping[sp.Symbol, float],
+    drawn: Mapping[str, tuple[float, float]],
+) -> Surroundings | None:
+    if spec.obstacles is None:
+        return None
+    from holdfast.scenario.build.moving import Surroundings, composed_clearing, composed_moving
+
+    numbers = {s: v for s, v in values.items() if str(s) in names and str(s) not in drawn}
+    clearing = composed_clearing(file, spec.obstacles)
+    moving = composed_moving(file, spec.obstacles.moving, numbers)
+    return Surroundings(clearing.parts, clearing.of(system), moving)
 
 
 def _plane(file: str, wanted: tuple[str, str] | None, system: System) -> tuple[str, str] | None:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
+from holdfast.analysis.online.obstacle_slots import MOST, Clearing
 from holdfast.analysis.simulation.starts import Starts
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.control.observer import observe, observe_set
@@ -53,6 +54,22 @@ class ObstaclesSpec(Section):
     obstacles: dict[Name, Corners] = Field(default_factory=dict)
     room: Corners | None = None
     clearance: Value = 0.0
+    position: Plane = ("x", "y")
+
+
+class ViewSpec(Section):
+    """targets: name -> place, expressions of the states or lengths [m]; the other keys are those of
+    `targets_in_view`, past the obstacles and the room of the region."""
+
+    targets: dict[Name, Point]
+    at_least: int | None = None
+    clearance: Value = 0.0
+    half_angle: Value | None = None
+    range_min: Value | None = None
+    range_max: Value | None = None
+    heading: Name = "psi"
+    pan: Name | None = None
+    pan_limit: Value | None = None
     position: Plane = ("x", "y")
 
 
@@ -198,6 +215,39 @@ class SafeguardSpec(Section, of=[safeguard, limit_rates], without=["sample_time"
     constraints: dict[Name, InequalitySpec | Expression] = Field(default_factory=dict)
 
 
+class MovingSpec(Section):
+    """An obstacle of [obstacles.moving]: one shape, and how it moves.
+
+    disc = [x, y, radius], capsule = [x, y, x, y, radius], ellipse = [x, y, ahead, across, heading],
+    polygon = [[x, y], ...] with a radius. velocity = [vx, vy]: constants. path = [x, y]: how far it
+    has moved, expressions of t; its velocity is the derivative, and so is its acceleration, unless
+    that is written as a bound.
+    """
+
+    disc: Annotated[list[Value], Field(min_length=3, max_length=3)] | None = None
+    capsule: Annotated[list[Value], Field(min_length=5, max_length=5)] | None = None
+    ellipse: Annotated[list[Value], Field(min_length=5, max_length=5)] | None = None
+    polygon: Corners | None = None
+    radius: Value | None = None
+    velocity: Point | None = None
+    path: Point | None = None
+    acceleration: Value | None = None
+    velocity_error: Value | None = None
+    share: Value | None = None
+
+
+class SurroundingsSpec(Section, of=[Clearing], without=["parts"]):
+    """[obstacles]: how the filter keeps clear of what it is told of at run time.
+
+    most: of more the nearest count; 0 for no filter. hull: a radius, corners (x, y) of a polygon,
+    or discs (x, y, radius), in the vehicle's axes. moving: what runs of this file meet.
+    """
+
+    most: Annotated[int, Field(ge=0, le=MOST)]
+    hull: float | list[list[float]] = 0.0
+    moving: dict[Name, MovingSpec] = Field(default_factory=dict)
+
+
 class StartsSpec(Section, of=[Starts]):
     """[starts]: given states, then random ones from a box; `every` for states not in it.
 
@@ -294,6 +344,7 @@ class ScenarioSpec(Section):
     redesign: RedesignSpec | None = None
     tracking: dict[Name, float] | None = None
     safeguard: SafeguardSpec | None = None
+    obstacles: SurroundingsSpec | None = None
     observer: ObserverSpec | None = None
     safety: dict[str, Any] | None = None
     kernels: dict[Text, dict[str, Any]] = Field(default_factory=dict)
