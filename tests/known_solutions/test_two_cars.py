@@ -61,6 +61,7 @@ def _barrier():
 def test_the_kernel_ends_at_the_barrier_of_two_identical_cars():
     kernel, states = _kernel(), _barrier()
     assert kernel.report.converged
+    assert len(states) == 120
     assert np.abs(kernel.at(states)).max() < 0.15 * CELL
     distance = np.hypot(states[:, 0], states[:, 1])
     assert distance.max() > 2.0  # the barrier goes far beyond the distance itself

@@ -9,18 +9,15 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import shapely
 
-from holdfast.analysis.online.obstacle_slots import Clearing, Parts
+from holdfast.analysis.online.obstacle_slots import Clearing, Paired, Parts
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, check_name
 from holdfast.maths.definitions.value import Value
 from holdfast.planning.obstacles import convex_parts, polygon_of
-
-if TYPE_CHECKING:
-    from holdfast.analysis.online.pair_kernel import PairKernel
 
 Point = Sequence[float]
 
@@ -305,8 +302,10 @@ class Obstacles(Clearing):
         clearance: float = 0.0,
         position: tuple[str, str] = ("x", "y"),
         heading: str | None = None,
-        pair: PairKernel | None = None,
+        pair: Paired | None = None,
     ) -> None:
+        if pair is not None and not hasattr(pair, "check_ours"):
+            raise DefinitionError(f"pair is {pair!r}"[:80], expected="an hf.PairKernel")
         for name, value in (("lead", lead), ("speed", speed), ("clearance", clearance)):
             if value is not None and not (math.isfinite(value) and value >= 0):
                 raise DefinitionError(f"{name} is {value:g}", expected="0 or more")

@@ -1,6 +1,8 @@
 """The kernel of two vehicles in a filter: it keeps what can be kept, and says what it does not."""
 
 import importlib.util
+import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,15 +18,15 @@ x, y, a, b = (hf.symbol(n) for n in ("x", "y", "a", "b"))
 
 
 def walker(speed, name="walker"):
-    """A point that moves in any direction at up to a speed."""
+    """A point that moves along both axes at up to a speed."""
     return hf.System(
         name, (hf.Quantity("x", "m"), hf.Quantity("y", "m")),
         (hf.Quantity("a", "m/s"), hf.Quantity("b", "m/s")), {"x": a, "y": b},
-        input_bounds=hf.Ball(speed, 2),
+        input_bounds=hf.Box((-speed, -speed), (speed, speed)),
     )  # fmt: skip
 
 
-def kernel_of(ours, theirs, *, horizon=20.0, nodes=33, reach=REACH):
+def kernel_of(ours, theirs, *, horizon=20.0, nodes=21, reach=REACH):
     both = hf.relative_system(ours, theirs)
     ahead, left = (q.symbol for q in both.states[:2])
     near = hf.Inequality("near", DISTANCE - sp.sqrt(ahead**2 + left**2), "m")
@@ -59,7 +61,8 @@ def test_a_slower_point_is_kept_at_the_distance_from_everywhere():
 
 
 def test_a_faster_one_is_refused_with_both_speeds():
-    ours, theirs = walker(SPEED), walker(1.5, "other")
+    ours = replace(walker(SPEED), input_bounds=hf.Ball(SPEED, 2))
+    theirs = replace(walker(1.5, "other"), input_bounds=hf.Ball(1.5, 2))
     with pytest.raises(
         DefinitionError, match=r"'other' catches 'walker'.* it is faster, 1.5 m/s against 1 m/s"
     ):
@@ -109,6 +112,8 @@ def test_what_pinches_is_named():
     assert set(decision.gave_way) <= {"foe 0", "foe 1", "foe 2"}
     assert decision.gave_way
     assert decision.why.startswith("pinched by")
+    many = guard().step_many([[0, 0], [0, 0]], [[1.0, 0], [1.0, 0]], obstacles=[around, []])
+    assert many.status == (hf.Status.INFEASIBLE, hf.Status.PASSED)
 
 
 def test_a_rock_beside_a_vehicle_keeps_its_own_condition():
@@ -153,6 +158,8 @@ def test_a_simulation_and_a_loop_of_steps_are_the_same():
     ended = run.arrays["state"].values[0, -1]
     assert ended == pytest.approx(state, abs=1e-12)
     assert np.linalg.norm(state - place) >= DISTANCE
+    assert drive.unkept.tolist() == [0]
+    assert drive.least[0] >= 0
 
 
 def test_bad_input_is_one_line():
@@ -165,6 +172,8 @@ def test_bad_input_is_one_line():
         guard().step([0, 0], [1, 0], obstacles=[other((1, 0), more=(0.4,))])
     with pytest.raises(DefinitionError, match="looked up in Python alone"):
         guard().export_c()
+    with pytest.raises(DefinitionError, match=r"pair is 3; expected an hf\.PairKernel"):
+        hf.Obstacles(1, pair=3)
     with pytest.raises(DefinitionError, match="is one of 'walker', not of the vehicle 'slow'"):
         hf.SafetyFilter(walker(0.9, "slow"), obstacles=hf.Obstacles(1, pair=pair()))
     with pytest.raises(DefinitionError, match="kept beside an observer, limits of"):
@@ -176,7 +185,7 @@ def test_bad_input_is_one_line():
 def _benchmark():
     path = Path(__file__).parents[3] / "benchmarks" / "two_vehicles.py"
     spec = importlib.util.spec_from_file_location("two_vehicles", path)
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules["two_vehicles"] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 

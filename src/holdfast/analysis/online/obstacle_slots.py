@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 import sympy as sp
@@ -17,6 +17,7 @@ from holdfast.analysis.online.decision import Obstructs
 from holdfast.arguments import Metres, MetresPerSecond
 from holdfast.errors import DefinitionError, SimulationError, check_name
 from holdfast.execution.arrays import Array, Truths
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.llvm_text import LANES
 from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.codegen.scalar_llvm import compiled
@@ -26,16 +27,23 @@ from holdfast.execution.simulation.closed_loop import Command, Commander, Functi
 from holdfast.maths.control.moving_obstacles import avoiding, both_ways
 from holdfast.maths.control.parameter_box import ParameterBox
 from holdfast.maths.definitions.extension import steady_bounds
-from holdfast.maths.definitions.law import Law, Repeated
+from holdfast.maths.definitions.law import Law, Repeated, Safeguard
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.value import Value
 
-if TYPE_CHECKING:
-    from holdfast.analysis.online.pair_kernel import PairKernel
-    from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
-
 Parts = tuple[tuple[tuple[tuple[float, float], ...], float], ...]
 """The convex parts of a hull: the corners (ahead, left) of each, and a radius around them [m]."""
+
+
+class Paired(Protocol):
+    """The kernel of our vehicle and another one: `pair_kernel.PairKernel`."""
+
+    def check_ours(self, system: System, position: tuple[str, str]) -> None: ...
+
+    def slots(
+        self, clearing: Clearing, system: System, guard: Safeguard, program: ClosedLoopProgram,
+        sample_time: float,
+    ) -> ObstacleSlots: ...  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -54,7 +62,7 @@ class Clearing(Value):
     position: tuple[str, str] = ("x", "y")
     heading: str | None = None
     evaded: float = math.inf
-    pair: PairKernel | None = None
+    pair: Paired | None = None
 
     def __post_init__(self) -> None:
         if not (isinstance(self.most, int) and 1 <= self.most <= MOST):
@@ -147,9 +155,7 @@ class Clearing(Value):
         assert each is not None
         if self.pair is None:
             return ObstacleSlots(system, each)
-        from holdfast.analysis.online.pair_kernel import VehicleSlots
-
-        return VehicleSlots(self.pair, self, system, law.safeguard, program, sample_time)
+        return self.pair.slots(self, system, law.safeguard, program, sample_time)
 
 
 MOST = 1000
@@ -298,7 +304,8 @@ class Among:
     """A controller among obstacles, for `simulate`: the command, and the pairs of every run.
 
     least: the smallest gap of every run [m], of all bodies that have been near. infeasible gaps
-    count too. Where a number of an obstacle is not finite, the command is NaN.
+    count too. Where a number of an obstacle is not finite, the command is NaN. unkept: at how many
+    samples of every run the kernel of two vehicles was not kept.
     """
 
     def __init__(
@@ -312,11 +319,12 @@ class Among:
                 )
         self.of_command: Commander = Function(command) if callable(command) else command
         self.most = self.of_command.most
-        self.least = np.empty(0)
+        self.least, self.unkept = np.empty(0), np.empty(0, dtype=np.int64)
 
     def begin(self, runs: range) -> None:
         self.of_command.begin(runs)
         self.least = np.full(len(runs), math.inf)
+        self.unkept = np.zeros(len(runs), dtype=np.int64)
 
     def command(self, t: float, states: Array, alive: Truths) -> Array:
         """The commands and the numbers of the pairs, a row for each run. states: shape (runs,
@@ -339,6 +347,7 @@ class Among:
             if slots.fill(states[k], around[k], commands[k]) < 0:
                 rows[k, : commands.shape[1]] = math.nan
             rows[k, commands.shape[1] :] = slots.pairs
+            self.unkept[k] += bool(slots.unkept)
             self.least[k] = min(self.least[k], slots.near[::2].min())
         rows[~alive] = 0.0
         return rows

@@ -149,6 +149,13 @@ class PairKernel(Value):
                 expected="the same rates, bounds, parameters and position",
             )
 
+    def slots(
+        self, clearing: Clearing, system: System, guard: Safeguard, program: ClosedLoopProgram,
+        sample_time: float,
+    ) -> VehicleSlots:  # fmt: skip
+        """The places of a filter that keeps it beside other obstacles."""
+        return VehicleSlots(self, clearing, system, guard, program, sample_time)
+
     @cached_property
     def distance(self) -> float:
         """The distance that is kept [m]: V is at most what is left of it."""

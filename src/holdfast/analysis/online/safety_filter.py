@@ -423,11 +423,8 @@ class SafetyFilter(Remade):
             self._program, measured, felt, system.input_names, self._pairs_handed
         )  # fmt: skip
         if clearing is not None:
-            if clearing.pair is not None and (rates, states, disturbance_measured) != (
-                None,
-                None,
-                False,
-            ):
+            apart = rates is not None or states is not None or disturbance_measured
+            if clearing.pair is not None and apart:
                 raise DefinitionError(
                     "the kernel of two vehicles is kept beside an observer, limits of rates or "
                     "measured disturbances",
@@ -552,17 +549,19 @@ class SafetyFilter(Remade):
         seen = self._told.rows(states, disturbances, commands)
         finite = np.asarray(np.isfinite(seen).all(axis=1))
         self._check_obstacles(obstacles)
+        unkept = np.zeros(len(seen), dtype=bool)
         if obstacles is not None:
             if len(obstacles) != len(seen):
                 raise SimulationError(
                     f"obstacles of {len(obstacles)} vehicles", expected=f"of {len(seen)}"
                 )
             for k in np.flatnonzero(finite).tolist():
-                finite[k] = self._near(seen[k], obstacles[k]).found >= 0
+                near = self._near(seen[k], obstacles[k])
+                finite[k], unkept[k] = near.found >= 0, bool(near.unkept)
         if not len(seen):
             rows, self._many = self._many, ControlSamples(self._program, self.sample_time, 1)
             one, there = np.zeros((1, seen.shape[1])), np.ones(1, dtype=bool)
-            nothing = Decisions._make(part[:0] for part in self._answers(0.0, one, there))
+            nothing = Decisions._make(part[:0] for part in self._answers(0.0, one, there, ~there))
             self._many = rows
             return nothing
         if self._many is None or self._many.count != len(seen):
@@ -571,9 +570,9 @@ class SafetyFilter(Remade):
         t = time_of(t, self._of_many, self.sample_time)
         self._of_many += bool(self._program.remembered)
         finite &= math.isfinite(t)
-        return self._answers(t, seen, finite)
+        return self._answers(t, seen, finite, unkept)
 
-    def _answers(self, t: float, seen: Array, finite: Truths) -> Decisions:
+    def _answers(self, t: float, seen: Array, finite: Truths, unkept: Truths) -> Decisions:
         assert self._many is not None
         before = self._many.memory
         answers = self._many.answers(t, np.where(finite[:, np.newaxis], seen, 0.0))
@@ -595,7 +594,9 @@ class SafetyFilter(Remade):
             refused = self._nothing_from(t, seen[k])
             inputs[k], actuators[k], nominal[k] = refused.input, refused.actuators, refused.nominal
             slack[k], overruled[k] = 0.0, True
-        codes = np.select([~finite, outside, slack > 0.0, changed], [4, 3, 2, 1], default=0)
+        codes = np.select(
+            [~finite, outside, (slack > 0.0) | unkept, changed], [4, 3, 2, 1], default=0
+        )
         status = tuple(_STATUSES[k] for k in codes.tolist())
         value = np.where(finite, self._made.values(t, states, answers[:, rows.value]), math.nan)
         return Decisions(inputs, actuators, nominal, overruled, slack, value, status)
@@ -614,7 +615,8 @@ class SafetyFilter(Remade):
 
         command: a function of t [s] and of the states, shape (runs, states), to commands, shape
         (runs, inputs). obstacles: a function of the same to a list of `Obstacle` for each run.
-        After the runs `least` has the smallest gap of each [m], as the filter was told.
+        After the runs `least` has the smallest gap of each [m], as the filter was told, `unkept` at
+        how many samples the kernel of two vehicles was not kept.
 
         Raises `SimulationError` for a filter without obstacles.
 
