@@ -52,6 +52,7 @@ LEAVING = {
     "ch5-current",
     "ch5-rescue",
     "craft-berth",
+    "crossing-boats",
     "ferry-quay",
     "inspection",
     "inspection-eddy",

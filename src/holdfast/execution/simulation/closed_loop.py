@@ -73,6 +73,7 @@ class Function:
         pass
 
     def command(self, t: float, states: Array, alive: Alive) -> Array:
+        """As `Commander.command`: states (runs, states), alive (runs,), commands (runs, inputs)."""
         return self.function(t, states)
 
     def end(self) -> None:
