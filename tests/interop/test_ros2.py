@@ -33,7 +33,7 @@ from holdfast.interop.ros2 import (  # noqa: E402
     router,
     serve,
 )
-from holdfast.interop.ros2 import node as wire  # noqa: E402
+from holdfast.interop.ros2 import names as wire  # noqa: E402
 from holdfast.interop.ros2.node import Loop  # noqa: E402
 from tests.interop.ros2_network import local  # noqa: E402
 

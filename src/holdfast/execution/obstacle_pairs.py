@@ -8,14 +8,18 @@ apart as long as each corner of each is outside the other. A corner and what it 
 pair of discs: two corners are discs of their own radii, and a side is a disc with the radius
 `FLAT`, which touches it from behind. All arrays have one dimension; lengths are in m:
 
-    hull       a part after the other: k, its radius, then x and y of its corners
-    records    a body after the other: k, its radius, its velocity (2), how fast that may change,
-               its share, the age of these numbers, the error of the velocity, then its corners
+    hull       (numbers,)           a part after the other: k, its radius, x and y of its corners
+    records    (size,)              a body after the other: k, its radius, its velocity (2), how
+                                    fast that may change, its share, the age of these numbers, the
+                                    error of the velocity, then its corners
     pose       (3 * stride + 1,)    x and y of the vehicle, cosine and sine of its heading, each
                                     `stride` behind the one before
     pairs      (most * PAIR,)       here, lever (2), centre (2), reach, velocity (2), change,
                                     unsure, share: for `maths/control/moving_obstacles.py`
     near       (2 * most,)          of each pair the gap, and the number of the obstacle
+    points     (2 * k,)             x and y of the corners of one body
+    row        (PAIR,)              one of the pairs
+    record     (RECORD + 2 * k,)    one of the records
     touch      (6,)                 of a point and a body: the nearest point, the normal there from
                                     the body to the point, the distance, negative inside, and
                                     whether a side is nearest

@@ -106,10 +106,10 @@ def targets_in_view(
     expressions of the states, such as the position of a leader. polygons: name -> corners of an
     obstacle to sight, as for `obstacles`, convex or not. room: what it lacks to its convex hull
     hides targets too. at_least: how many targets have to be in view, by default all. clearance [m]:
-    the least distance from the line of sight to the polygons. half_angle [rad], range_min and
-    range_max [m]: of the camera; None for no limit. heading: the state that is the direction of the
-    camera. pan: a state that is added to it, for a camera that turns (`panning`). pan_limit [rad]:
-    the largest |pan|. position: the states that are the place.
+    the least distance from the line of sight to the polygons. half_angle [rad]: of the camera.
+    range_min [m]: its least range. range_max [m]: its range; None for no limit. heading: the state
+    that is the direction of the camera. pan: a state that is added to it, for a camera that turns
+    (`panning`). pan_limit [rad]: the largest |pan|. position: the states that are the place.
 
     The vehicle itself keeps the clearance as well. A target that moves is not asked how near it
     comes to a side: that is not for the vehicle to decide.
@@ -118,7 +118,7 @@ def targets_in_view(
     is inside a polygon or nearer to it than the clearance, more targets in view than there are, and
     limits that no target can meet.
 
-    >>> lamps = {"lamp": (4.0, 0.0)}
+    >>> lamps, pier = {"lamp": (4.0, 0.0)}, {"pier": [(2, 1), (3, 1), (3, 2), (2, 2)]}
     >>> hf.targets_in_view(robot, lamps, pier, clearance=0.1).inequality_names
     ('lamp_past_pier',)
     """

@@ -128,11 +128,11 @@ def pair_conditions(
         "apart", beside.states, (Inequality("obstacle", level, "m", "clearance of an obstacle"),)
     )
     (asked,) = asked_of(beside, apart, (), worst, disturbance_measured, box)
-    own = None
+    ours = None
     if asked.later is None and not box.uncertain and not worst:
-        own = _own_part(system, asked, place)
+        ours = _part_of_ours(system, asked, place)
     rows = tuple(
-        (normal, _shared(asked, offset, order, own)) for normal, offset, order in asked.rows
+        (normal, _shared(asked, offset, order, ours)) for normal, offset, order in asked.rows
     )
     if rows_handed:
         rows = tuple(_or_itself(normal, offset) for normal, offset in rows)
@@ -195,7 +195,7 @@ def _place(system: System, position: tuple[str, str], heading: str) -> list[sp.E
     return [x + n["ahead"] * cos - n["left"] * sin, y + n["ahead"] * sin + n["left"] * cos]
 
 
-def _own_part(system: System, asked: Asked, place: Sequence[sp.Expr]) -> sp.Expr:
+def _part_of_ours(system: System, asked: Asked, place: Sequence[sp.Expr]) -> sp.Expr:
     """What the motion of this vehicle alone adds to the derivative that the condition bounds."""
     still = dict.fromkeys((q.symbol for q in system.inputs), sp.S.Zero)
     derivative = [system.derivative(p) for p in place]
@@ -206,7 +206,7 @@ def _own_part(system: System, asked: Asked, place: Sequence[sp.Expr]) -> sp.Expr
     return -sp.Add(*(a * d for a, d in zip(away, free, strict=True)))
 
 
-def _shared(asked: Asked, offset: sp.Expr, order: int, own: sp.Expr | None) -> sp.Expr:
+def _shared(asked: Asked, offset: sp.Expr, order: int, ours: sp.Expr | None) -> sp.Expr:
     """The offset with what the obstacle may do, and with the share of this vehicle.
 
     Where the part of its own motion is not known, it meets the whole condition.
@@ -218,10 +218,10 @@ def _shared(asked: Asked, offset: sp.Expr, order: int, own: sp.Expr | None) -> s
         counted = n["change"] + (K1 + K2) * n["unsure"]
     else:  # of dP/dt, where P has dc/dt in it
         counted = n["change"] + K2 * n["unsure"]
-    if own is None:
+    if ours is None:
         return offset - counted
-    # offset = -(own + others), of which the share is that of the others
-    return -own - n["share"] * (-offset - own + counted)
+    # offset = -(ours + others), of which the share is that of the others
+    return -ours - n["share"] * (-offset - ours + counted)
 
 
 def avoiding(

@@ -237,8 +237,8 @@ def relative_system(
     Raises `DefinitionError` for a rate that depends on where a vehicle is or on where it heads, for
     a name that a vehicle does not have, and for another vehicle whose inputs have no bounds.
 
-    >>> print(hf.relative_system(robot, robot).rates["x_r"])
-    other_v*cos(psi_r) - v + r*y_r
+    >>> print(hf.relative_system(robot, robot).rates["y_r"])
+    other_v*sin(psi_r) - r*x_r
     """
     headings = [_heading(system, heading) for system in (ours, theirs)]
     if heading is not None and not any(headings):
