@@ -23,7 +23,7 @@ RUNS, SECONDS, PLACES, SMALL = 4, 8.0, 40, 1e-9
 def world_of(random: np.random.Generator) -> hf.OccupancyMap:
     """Rooms, or lumps that no room has."""
     if random.random() < 0.6:
-        return maps.random_rooms(random, int(random.integers(70, 120)))
+        return maps.random_rooms(random, int(random.integers(90, 140)))
     shape = random.integers(20, 60, 2)
     cells = random.random(shape) < random.choice([0.02, 0.2, 0.5])
     if random.random() < 0.7:

@@ -280,6 +280,47 @@ def test_the_region_of_a_map_is_outside_all_of_its_cells():
     assert (worst <= 0)[exact > 0.2 + 1e-9].all()  # walls along rows: nothing beyond
 
 
+def test_a_kernel_on_a_map_keeps_no_node_that_is_nearer_to_a_cell_than_its_clearance():
+    """A car that cannot stop, in a room with a wall across it."""
+    car = hf.System(
+        "car", states=(hf.Quantity("x", "m"), hf.Quantity("y", "m"), hf.Quantity("psi", "rad", angle=True)),
+        inputs=(hf.Quantity("r", "rad/s"),), rates={"x": "0.5*cos(psi)", "y": "0.5*sin(psi)", "psi": "r"},
+        input_bounds=hf.Box((-1.5,), (1.5,)),
+    )  # fmt: skip
+    cells = np.zeros((40, 40), dtype=bool)
+    cells[[0, -1]] = cells[:, [0, -1]] = cells[18:21, :22] = True
+    world = hf.OccupancyMap(cells, 0.1, (-2, -2, 0))
+    region = hf.obstacles(car, world.polygons(), clearance=0.1)
+    box = {"x": (-2, 2), "y": (-2, 2), "psi": (-np.pi, np.pi)}
+    kernel = hf.viability_kernel(car, region, hf.grid(car, box, {"x": 31, "y": 31, "psi": 20}), 4.0)
+    line, turns = np.linspace(-2, 2, 31), np.linspace(-np.pi, np.pi, 20, endpoint=False)
+    states = np.stack(np.meshgrid(line, line, turns, indexing="ij"), -1).reshape(-1, 3)
+    inside = kernel.contains(states)
+    exact = shapely.distance(squares_of(world), shapely.points(states[:, :2]))
+    assert 0.5 < inside.mean() < 0.8
+    assert exact[inside].min() > 0.1
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("vehicle", maps.VEHICLES)
+@pytest.mark.parametrize("growing", [False, True], ids=["known", "growing"])
+def test_no_vehicle_hits_a_cell_of_a_map_that_is_known_or_grows(vehicle, growing):
+    filtered = maps.drive(vehicle, 6, growing=growing, seconds=20.0)
+    assert (
+        filtered["hit"] == filtered["runs with an infeasible sample"] == filtered["left out"] == 0
+    )
+    assert filtered["way"] > 2.0
+    assert maps.drive(vehicle, 6, filtered=False, seconds=20.0)["hit"] >= 5
+
+
+@pytest.mark.heavy
+def test_a_smooth_field_has_a_ridge_at_which_no_input_is_left_and_bodies_have_none():
+    answers = maps.ridge(1.2, runs=20)
+    assert answers["smooth field"]["runs"] == 20
+    assert answers["bodies"]["runs"] == 0
+    assert answers["bodies"]["least"] > 0
+
+
 # -- updates ----------------------------------------------------------------------------------
 
 
