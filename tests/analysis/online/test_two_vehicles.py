@@ -124,6 +124,16 @@ def test_a_rock_beside_a_vehicle_keeps_its_own_condition():
     assert alone.status is hf.Status.CHANGED
 
 
+def test_a_vehicle_that_was_seen_earlier_is_a_disc_that_moves():
+    old = other((0.9, 0)).aged(0.1)
+    assert old.age == 0.1
+    decision = guard().step([0, 0], [1.0, 0.0], obstacles=[old])
+    disc = hf.Obstacle.disc((0.9, 0), 0.3, age=0.1)
+    assert decision.input == pytest.approx(
+        guard().step([0, 0], [1.0, 0.0], obstacles=[disc]).input, abs=1e-12
+    )
+
+
 def test_three_pursuers_at_a_time_are_kept_away_or_said_to_pinch():
     """Each heads for our point at its full speed, which would rather go to the middle of them."""
     state = np.zeros(2)

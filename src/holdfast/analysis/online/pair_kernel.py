@@ -384,9 +384,15 @@ class VehicleSlots(ObstacleSlots):
         self._samples = ControlSamples(program, sample_time)
         self._extra = clearing.pairs - clearing.most, clearing.pairs
 
-    def fill(self, state: Array, obstacles: Sequence[Obstructs] | Array, command: Array) -> int:
+    def fill(
+        self,
+        state: Array,
+        obstacles: Sequence[Obstructs] | Array,
+        command: Array | None = None,
+    ) -> int:
         """As of `ObstacleSlots`, with the rows of the vehicles. state: shape (states,). command:
         shape (inputs,)."""
+        assert command is not None
         self.unkept = ()
         first, last = self._extra
         self.pairs[first * PAIR :] = np.tile(self._nothing(state), last - first)
@@ -398,7 +404,7 @@ class VehicleSlots(ObstacleSlots):
         places = self.near[1 : 2 * first : 2].astype(int).tolist()
         number = 0
         for obstacle in obstacles:
-            if obstacle.state and number in places:
+            if obstacle.state and not obstacle.age and number in places:
                 if not all(map(math.isfinite, obstacle.state)):
                     return -1 - number
                 self._check_distance(obstacle)
