@@ -238,7 +238,7 @@ def relative_system(
     a name that a vehicle does not have, and for another vehicle whose inputs have no bounds.
 
     >>> print(hf.relative_system(robot, robot).rates["x_r"])
-    other_v*cos(psi_r) - v + r*y_r
+    other_v*cos(psi_r) + r*y_r - v
     """
     headings = [_heading(system, heading) for system in (ours, theirs)]
     if heading is not None and not any(headings):
