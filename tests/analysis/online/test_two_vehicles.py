@@ -60,6 +60,15 @@ def test_a_slower_point_is_kept_at_the_distance_from_everywhere():
     assert pair().distance == pytest.approx(DISTANCE, abs=1e-9)
 
 
+def test_a_walker_is_seen_in_the_axes_of_a_unicycle():
+    robot, slow = hf.systems.unicycle(), walker(0.5, "other")
+    slow = replace(slow, input_bounds=hf.Ball(0.5, 2))
+    both = hf.PairKernel(robot, slow, kernel_of(robot, slow))
+    cos, sin = np.cos(0.5), np.sin(0.5)
+    seen = both.seen(np.array([1.0, 2.0, 0.5]), (2.0, 1.5, 0.0))
+    assert seen == pytest.approx([cos - 0.5 * sin, -0.5 * cos - sin])
+
+
 def test_a_faster_one_is_refused_with_both_speeds():
     ours = replace(walker(SPEED), input_bounds=hf.Ball(SPEED, 2))
     theirs = replace(walker(1.5, "other"), input_bounds=hf.Ball(1.5, 2))
