@@ -112,7 +112,8 @@ class Obstacle(Value):
         >>> hf.Obstacle.disc((2, 1), 0.4, velocity=(-0.3, 0)).aged(0.1).age
         0.1
         """
-        if not seconds or not (any(self.velocity) or self.acceleration or self.velocity_error):
+        moves = any(self.velocity) or self.acceleration or self.velocity_error or self.state
+        if not seconds or not moves:
             return self
         later = object.__new__(type(self))  # its arguments were checked when it was made
         age = self.age + seconds
@@ -195,8 +196,8 @@ class Obstacle(Value):
         """Another vehicle, of whose kernel with ours a filter may be told (`Obstacles(pair=...)`).
 
         place: (x, y) [m]. heading [rad]: of a vehicle that has one. radius [m]. more: its further
-        states in their order, such as its speed. motion: velocity and name; where no kernel counts
-        it is a disc with this velocity.
+        states in their order, such as its speed. motion: velocity, age and name. Where no kernel
+        counts, and where its numbers are old, it is a disc with this velocity.
 
         >>> hf.Obstacle.vehicle((3, 0), 1.57, 0.4, velocity=(0, 0.5), name="ferry").state
         (3.0, 0.0, 1.57)

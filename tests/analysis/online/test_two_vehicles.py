@@ -60,6 +60,15 @@ def test_a_slower_point_is_kept_at_the_distance_from_everywhere():
     assert pair().distance == pytest.approx(DISTANCE, abs=1e-9)
 
 
+def test_a_walker_is_seen_in_the_axes_of_a_unicycle():
+    robot, slow = hf.systems.unicycle(), walker(0.5, "other")
+    slow = replace(slow, input_bounds=hf.Ball(0.5, 2))
+    both = hf.PairKernel(robot, slow, kernel_of(robot, slow))
+    cos, sin = np.cos(0.5), np.sin(0.5)
+    seen = both.seen(np.array([1.0, 2.0, 0.5]), (2.0, 1.5, 0.0))
+    assert seen == pytest.approx([cos - 0.5 * sin, -0.5 * cos - sin])
+
+
 def test_a_faster_one_is_refused_with_both_speeds():
     ours = replace(walker(SPEED), input_bounds=hf.Ball(SPEED, 2))
     theirs = replace(walker(1.5, "other"), input_bounds=hf.Ball(1.5, 2))
@@ -122,6 +131,16 @@ def test_a_rock_beside_a_vehicle_keeps_its_own_condition():
     assert decision.input[0] > -0.6 * SPEED
     alone = guard().step([0, 0], [-1.0, 0.0], obstacles=[rock])
     assert alone.status is hf.Status.CHANGED
+
+
+def test_a_vehicle_that_was_seen_earlier_is_a_disc_that_moves():
+    old = other((0.9, 0)).aged(0.1)
+    assert old.age == 0.1
+    decision = guard().step([0, 0], [1.0, 0.0], obstacles=[old])
+    disc = hf.Obstacle.disc((0.9, 0), 0.3, age=0.1)
+    assert decision.input == pytest.approx(
+        guard().step([0, 0], [1.0, 0.0], obstacles=[disc]).input, abs=1e-12
+    )
 
 
 def test_three_pursuers_at_a_time_are_kept_away_or_said_to_pinch():

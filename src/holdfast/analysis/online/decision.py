@@ -91,6 +91,9 @@ class Obstructs(Protocol):
     @property
     def radius(self) -> float: ...
 
+    @property
+    def age(self) -> float: ...
+
     def aged(self, seconds: float) -> Obstructs:
         """The same, known so much later [s]."""
 

@@ -250,9 +250,15 @@ class ObstacleSlots:
     unkept: tuple[int, ...] = ()
     """The bodies that the kernel of two vehicles does not keep clear of at the last sample."""
 
-    def fill(self, state: Array, obstacles: Sequence[Obstructs] | Array, command: Array) -> int:
+    def fill(
+        self,
+        state: Array,
+        obstacles: Sequence[Obstructs] | Array,
+        command: Array | None = None,
+    ) -> int:
         """Fill the pairs at a state; how many there are, or -1 - k for a faulty body k. state:
-        shape (states,). command: shape (inputs,). obstacles: or discs, as of `disc_records`."""
+        shape (states,). command: shape (inputs,), of which kernels of two vehicles are asked.
+        obstacles: or discs, as of `disc_records`."""
         if isinstance(obstacles, np.ndarray):
             return self.fill_from(state, disc_records(obstacles))
         try:

@@ -47,7 +47,7 @@ from holdfast.maths.control.moving_obstacles import ROW_ITSELF
 from holdfast.maths.control.value_filter import keep_sampled_value
 from holdfast.maths.control.velocity_tracking import commanded
 from holdfast.maths.definitions.bounds import Ball, Bounds, Product
-from holdfast.maths.definitions.compose_systems import relative_system
+from holdfast.maths.definitions.compose_systems import OTHER, relative_system
 from holdfast.maths.definitions.law import Safeguard
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.value import Value
@@ -184,10 +184,12 @@ class PairKernel(Value):
         other vehicle has a heading."""
         names = list(self.ours.state_names)
         place = [names.index(n) for n in self.position]
-        turned = [q.name for q in self.relative.states[2:3] if q.angle and q.name.endswith("_r")]
-        further = [names.index(n) for n in self.relative.state_names if n in names]
+        seen = self.relative.state_names[2:]
+        further = [names.index(n) for n in seen if n in names]
+        theirs = [n for n in seen if n.startswith(OTHER)]
+        turned = len(seen) > len(further) + len(theirs)
         heading = next((k for k in range(len(names)) if k not in (*place, *further)), -1)
-        return place, heading, further, bool(turned)
+        return place, heading, further, turned
 
     def seen(self, state: Array, other: Sequence[float]) -> Array:
         """The relative state, shape (relative states,). state: of ours, shape (states,). other: x,
@@ -384,9 +386,15 @@ class VehicleSlots(ObstacleSlots):
         self._samples = ControlSamples(program, sample_time)
         self._extra = clearing.pairs - clearing.most, clearing.pairs
 
-    def fill(self, state: Array, obstacles: Sequence[Obstructs] | Array, command: Array) -> int:
+    def fill(
+        self,
+        state: Array,
+        obstacles: Sequence[Obstructs] | Array,
+        command: Array | None = None,
+    ) -> int:
         """As of `ObstacleSlots`, with the rows of the vehicles. state: shape (states,). command:
         shape (inputs,)."""
+        assert command is not None
         self.unkept = ()
         first, last = self._extra
         self.pairs[first * PAIR :] = np.tile(self._nothing(state), last - first)
@@ -398,7 +406,7 @@ class VehicleSlots(ObstacleSlots):
         places = self.near[1 : 2 * first : 2].astype(int).tolist()
         number = 0
         for obstacle in obstacles:
-            if obstacle.state and number in places:
+            if obstacle.state and not obstacle.age and number in places:
                 if not all(map(math.isfinite, obstacle.state)):
                     return -1 - number
                 self._check_distance(obstacle)
