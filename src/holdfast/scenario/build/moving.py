@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME, to_si
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.value import Value
 from holdfast.maths.expressions.parser import parse_expression
 from holdfast.planning.encounters import judged
 from holdfast.planning.moving_obstacles import MOTION, SHAPES, Obstacle, Obstacles
@@ -32,12 +34,17 @@ UNITS = {"acceleration": "m/s^2", "velocity_error": "m/s", "share": "1", "radius
 
 
 @dataclass(frozen=True)
-class Moving:
-    """An obstacle that moves as its file says; standing: where the way is (0, 0)."""
+class Moving(Value):
+    """An obstacle that moves as its file says; standing: where the way is (0, 0). along: the way,
+    its rates and their rates, of t."""
 
     standing: Obstacle
-    motion: Evaluator
+    along: tuple[sp.Expr, ...]
     acceleration: float | None
+
+    @cached_property
+    def motion(self) -> Evaluator:
+        return Evaluator(self.along, [TIME], ())
 
     @property
     def name(self) -> str:
@@ -106,7 +113,7 @@ def _moving(file: str, name: str, spec: MovingSpec, values: Mapping[sp.Symbol, f
             way = [parse_expression(e, names).xreplace(numbers) for e in spec.path]
         rates = [e.diff(TIME) for e in way]
         changes = [e.diff(TIME) for e in rates]
-        return Moving(standing, Evaluator([*way, *rates, *changes], [TIME], ()), acceleration)
+        return Moving(standing, (*way, *rates, *changes), acceleration)
 
 
 def _numbers(written: Any, shape: str) -> Any:
@@ -120,7 +127,7 @@ def _numbers(written: Any, shape: str) -> Any:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class Surroundings(Value):
     """What a closed loop meets: how its filter keeps clear, and of what.
 
     hull: of the vehicle, as the file says. clearing: that of the filter, with its lead.
