@@ -138,7 +138,8 @@ def find_pairs(
     size: how many numbers there are in `records`.
     clearance [m] is kept between them. first: whether the conditions bound a first derivative; an
     obstacle that answers for a share of it then answers for its own velocity. Returns -1 - k where
-    a number of the body k is not finite or it has no corners; nothing of `pairs` counts then.
+    a number of the body k is not finite or cannot be (a share of 0, a negative radius), or it has
+    no corners; nothing of `pairs` counts then.
     """
     x, y, cos, sin = pose[0], pose[stride], pose[2 * stride], pose[3 * stride]
     for i in range(most):
@@ -160,6 +161,10 @@ def find_pairs(
         for c in range(RECORD + 2 * k):
             if not math.isfinite(record[c]):
                 return -1 - number
+        if record[1] < 0.0 or record[4] < 0.0 or record[6] < 0.0 or record[7] < 0.0:
+            return -1 - number
+        if not 0.0 < record[5] <= 1.0:  # a share of 0 would leave it out
+            return -1 - number
         at += RECORD + 2 * k
         vx, vy, change, age = record[2], record[3], record[4], record[6]
         grown = record[1] + (record[7] + change * age / 2.0) * age

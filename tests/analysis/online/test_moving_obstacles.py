@@ -13,7 +13,7 @@ import sympy as sp
 from shapely.affinity import rotate, translate
 
 import holdfast as hf
-from holdfast.analysis.online.obstacle_slots import ObstacleSlots, hull_numbers
+from holdfast.analysis.online.obstacle_slots import DISC, ObstacleSlots, hull_numbers
 from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.leaf import Evaluator
 from holdfast.maths.control.moving_obstacles import NUMBERS, PAIR, pair_conditions
@@ -337,6 +337,18 @@ def test_a_faulty_obstacle_is_a_status(guard):
     assert told.status.value == "not a number"
     assert told.why == "a number of 'buoy' is not finite, so that the input is the fallback"
     assert guard.step([0, 0, 0], [1, 0], obstacles=[]).status.value == "passed"
+
+
+@pytest.mark.parametrize("column", ["radius", "acceleration", "share", "age", "velocity_error"])
+def test_a_disc_of_an_array_that_cannot_be_is_a_status_and_not_left_out(guard, column):
+    """A share of 0 would take the disc out of the conditions without a word."""
+    row = dict(zip(DISC, [0.6, 0.0, 0.3, 0.0, 0.0, 0.1, 1.0, 0.0, 0.0], strict=True))
+    fine = guard.step([0, 0, 0], [1, 0], obstacles=np.array([[*row.values()]]))
+    assert fine.overruled
+    row[column] = 0.0 if column == "share" else -0.1
+    told = guard.step([0, 0, 0], [1, 0], obstacles=np.array([[*row.values()]]))
+    assert told.status.value == "not a number"
+    assert told.why.startswith("a number of 'obstacle 1' cannot be: a share is above 0")
 
 
 def test_a_filter_with_obstacles_is_a_value(guard):

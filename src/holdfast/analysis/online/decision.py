@@ -102,8 +102,9 @@ class Near(NamedTuple):
     """What was near at a sample: of every pair the gap [m] and the number of the body, in turn.
 
     found: how many pairs there were, of which the nearest have places; -1 - k for a body k that is
-    not finite. obstacles: or discs without names, as of `disc_records`. evaded [m/s]: the speed of
-    obstacles that turning evades. unkept: the vehicles of which the kernel is not kept.
+    not finite or cannot be. obstacles: or discs without names, as of `disc_records`. evaded [m/s]:
+    the speed of obstacles that turning evades. unkept: the vehicles of which the kernel is not
+    kept.
     """
 
     gaps: Array
@@ -119,6 +120,14 @@ class Near(NamedTuple):
             return tuple(f"obstacle {k}" for k in range(1, len(self.obstacles) + 1))
         named = enumerate(self.obstacles, 1)
         return tuple(o.name or f"obstacle {k}" for k, o in named for _ in range(o.count))
+
+    @property
+    def impossible(self) -> bool:
+        """Whether the faulty body is a disc of finite numbers, which `hf.Obstacle` would refuse."""
+        discs = self.obstacles
+        if not isinstance(discs, np.ndarray) or self.found >= 0:
+            return False
+        return bool(np.isfinite(discs[-1 - self.found]).all())
 
     def of(self, pair: int) -> str:
         """The name of the obstacle of a pair."""

@@ -442,6 +442,11 @@ class Reasons:
             if not faulty and decision.near is not None and decision.near.found < 0:
                 name = decision.near.names[-1 - decision.near.found]
                 faulty = f"a number of '{name}' is not finite"
+                if decision.near.impossible:
+                    faulty = (
+                        f"a number of '{name}' cannot be: a share is above 0 and up to 1, a "
+                        "radius, an acceleration, an age and an error are 0 or more"
+                    )
             if not faulty and not math.isfinite(decision.t):
                 faulty = f"the time is {decision.t}"
             faulty = faulty or "the conditions are not finite at this state"

@@ -309,9 +309,9 @@ the shape (runs, count, columns)."""
 class Among:
     """A controller among obstacles, for `simulate`: the command, and the pairs of every run.
 
-    least: the smallest gap of every run [m], of all bodies that have been near. infeasible gaps
-    count too. Where a number of an obstacle is not finite, the command is NaN. unkept: at how many
-    samples of every run the kernel of two vehicles was not kept.
+    least: the smallest gap of every run [m], of all bodies that have been near, where no input met
+    all conditions too. Where a number of an obstacle is not finite, the command is NaN. unkept:
+    at how many samples of every run the kernel of two vehicles was not kept.
     """
 
     def __init__(
